@@ -1,8 +1,8 @@
 """create_app: the server as an ASGI application. Its lifespan opens and closes everything.
 
-Routes are in `routes/`; each module named in ROUTERS has a `router`. What lives as long as the app, and is no route, is
-named in PARTS: functions that take the app and give an async context manager, entered when the service has started
-(so `app.state.service` works) and left before it is closed.
+Routes are in `routes/`; each module named in ROUTERS has a `router`. PARTS names everything else that lives as long as
+the app: functions that take the app and return an async context manager. It is entered when the service has started, so
+`app.state.service` works, and left before the service is closed.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             for part in PARTS:
                 await stack.enter_async_context(part(app))
         except Exception as error:
-            app.state.failure = error  # for `serve`, which says it in one line
+            app.state.failure = error  # for `serve`, which prints it as one line
             raise
         yield
 
@@ -64,7 +64,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 def create_app(config: ServerConfig | None = None, *, transport: Transport | None = None) -> FastAPI:
     """The application; nothing is opened before its lifespan begins.
 
-    transport: an open network session to use instead of one of its own; it stays the caller's
+    transport: an open network session to use instead of an own one; the caller closes it
     """
     config = config or ServerConfig()
     app = FastAPI(

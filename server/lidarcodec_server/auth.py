@@ -1,9 +1,9 @@
 """Authentication with bearer tokens, each with a role. A viewer may read, an operator may also change settings.
 
-`Viewer` is what routes take, sockets too: it holds the `Client` that asks, or the request is refused. Routes that
-change something take an `operations.Operation`.
+Routes and sockets take a `Viewer`: it is the `Client` that sends the request; without one the request is refused.
+Routes that change something take an `operations.Operation`.
 A browser cannot set a header for a WebSocket, so there the token may also come as subprotocol
-`lidarcodec.token.<token>`; `subprotocol_of` is what to accept such a socket with.
+`lidarcodec.token.<token>`; `subprotocol_of` gives the subprotocol with which to accept such a socket.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
 
 
 def require_viewer(connection: HTTPConnection) -> Client:
-    """The client, if it may read.
+    """The client, if it is allowed to read.
 
-    Raises ProblemError 401 without a token that works, once there are tokens at all.
+    Raises ProblemError 401 if tokens are needed and the request has no valid one.
     """
     service = cast(Service, connection.app.state.service)
     if not service.tokens.needed:
@@ -43,7 +43,7 @@ def require_viewer(connection: HTTPConnection) -> Client:
 
 
 def require_operator(connection: HTTPConnection) -> Client:
-    """The client, if it may change settings.
+    """The client, if it is allowed to change settings.
 
     Raises ProblemError 401 as `require_viewer`, 403 for a viewer.
     """
@@ -53,8 +53,8 @@ def require_operator(connection: HTTPConnection) -> Client:
 
 
 async def check(connection: HTTPConnection) -> None:
-    """Check the token before the body is read and before the request gets a turn. Cheap without a token, and for tokens
-    that are already known.
+    """Check the token before the body is read and before the request gets a turn. This is cheap without a token and for
+    known tokens.
 
     Raises ProblemError as `require_operator` and `require_viewer`.
     """

@@ -35,26 +35,26 @@ class ServerConfig(BaseModel):
     endpoints:           where the Zenoh session listens and connects
     tls_certificate:     PEM file to serve HTTPS with, and tls_key its key
     insecure:            listen for other machines although no token is needed
-    open:                allow access without a token again, although tokens were needed before and none is valid now
+    open:                allow access without a token again, when tokens were needed before and none is valid any more
     metrics_open:        answer `/metrics` without a token
-    max_streams:         most streams at once; further ones are counted and left out
+    max_streams:         most streams at once; the server counts further ones and refuses them
     max_sensors:         most streams of one vehicle at once
     max_body_bytes:      longest body of a request
     max_message_bytes:   longest WebSocket message of a client
-    max_connections:     connections at once, of all hosts;  max_connections_a_host: of one
-    reserved_connections: further ones, for health checks and operators when all others are in use
+    max_connections:     most connections of all hosts;  max_connections_a_host: most of one host
+    reserved_connections: further connections for health checks and operators, when all others are in use
     max_requests_a_host: requests of one host that are processed at once; others wait
-    proxies:             addresses of proxies, whose connections are those of many clients
-    request_s:           longest time without a complete request on a connection, and keep_alive_s after an answer
+    proxies:             addresses of proxies; the connections of a proxy belong to many clients
+    request_s:           longest wait for the first complete request of a connection;  keep_alive_s: for further ones
     read_s:              longest time for which a client may leave an answer unread
-    changes_per_second:  requests that change something, for each client, and `burst` of them at once
+    changes_per_second:  changing requests of each client in a second;  burst: how many of them at once
     body_s:              longest time for a client to send a body
     answer_s:            longest time for a vehicle to answer
     audit_rows:          entries kept in the audit log; older ones are deleted
-    max_viewers:         live sockets at once;  max_viewers_a_client, max_viewers_a_host: of one
+    max_viewers:         most live sockets;  max_viewers_a_client, max_viewers_a_host: most of one client or host
     ack_limit_s:         longest time for a viewer to acknowledge a frame
     recordings:          folder of the server's recordings
-    max_recordings_bytes: size of that folder;  max_recording_bytes, max_recording_s: of one of them
+    max_recordings_bytes: largest size of that folder;  max_recording_bytes, max_recording_s: limits of one recording
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
@@ -111,7 +111,7 @@ class ServerConfig(BaseModel):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host name or address is this machine and nothing else; a name other than `localhost` never is."""
+    """Whether a host name or address can mean only this machine. Of names only `localhost` can."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

@@ -2,8 +2,8 @@
 
 Otherwise a client that sends requests all the time over many connections would slow down all others. A client is a
 host, or a token on a host: tokens on one host do not wait for each other.
-Health checks and live sockets do not count; sockets have their own limits. Nor does the time to receive a body or to
-send an answer count: `middleware.BodyLimit` comes before this.
+Health checks and live sockets do not count; sockets have their own limits. The time to receive a body or to send an
+answer does not count either: `middleware.BodyLimit` comes before this.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Fair:
         proxies: Iterable[str] = (),
         who: Callable[[HTTPConnection], str] = lambda _: "",
     ) -> None:
-        """who: gives the name of a client with a valid token, otherwise nothing"""
+        """who: gives the name of a client with a valid token, otherwise an empty text"""
         self._app, self._most, self._wait_s, self._who = app, most, wait_s, who
         self._proxies = frozenset(host_of(one) for one in proxies)
         self._turns: dict[tuple[str, str], tuple[asyncio.Semaphore, int]] = {}

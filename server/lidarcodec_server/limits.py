@@ -1,4 +1,4 @@
-"""Limits: how much each client may ask at once, and how often it may change something. Its memory is bounded, too.
+"""Limits: how many requests a client may have at once, and how often it may change something. Memory is bounded.
 
 >>> clock = [0.0]
 >>> limits = Limits(rate=1.0, burst=2, clock=lambda: clock[0])
@@ -23,19 +23,19 @@ from typing import TypeVar
 from lidarcodec.errors import LidarCodecError
 
 MAX_CLIENTS = 1024
-"""Clients whose last changes are remembered; the one that asked longest ago gives way."""
+"""Number of clients whose last changes are remembered; the one with the oldest request is dropped."""
 SLOTS, SLOTS_A_CLIENT, SLOTS_A_STREAM = 24, 8, 8
-"""Changes that wait for vehicles at once, of the 40 threads that serve all requests: in all, of one client, of one
-stream."""
+"""Most changes that wait for vehicles at once: of all clients, of one client, and of one stream. 40 threads serve all
+requests."""
 LOOKS = 6
-"""Further requests that ask vehicles for their settings at once. Where there is no room, what is known is told."""
+"""Most requests that ask vehicles for their settings at once. Further requests get the last known settings."""
 
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 class TooManyError(LidarCodecError):
-    """A client asks too much; `wait_s` is when to try again."""
+    """A client sends too many requests. wait_s: seconds until it may try again"""
 
     def __init__(self, message: str, wait_s: int) -> None:
         super().__init__(message)
@@ -43,7 +43,7 @@ class TooManyError(LidarCodecError):
 
 
 class Meter:
-    """What a client may still do now: `rate` times a second, and `burst` times at once. Not thread-safe.
+    """A token bucket: `rate` actions a second, and `burst` of them at once. Not thread-safe.
 
     >>> meter = Meter(rate=10.0, burst=2, now_s=0.0)
     >>> meter.spend(3, 0.0)
@@ -55,12 +55,12 @@ class Meter:
         self._rate, self._burst, self._left, self._at_s = rate, burst, float(burst), now_s
 
     def spend(self, cost: int, now_s: float) -> None:
-        """Count something. What is left may become less than none: what costs much is waited for afterwards."""
+        """Count an action. The balance may become negative: the wait for an expensive action comes after it."""
         self._fill(now_s)
         self._left -= cost
 
     def wait_s(self, now_s: float) -> float:
-        """How long until the next time; 0 when it may be now."""
+        """Seconds until the next action is allowed; 0 if it is allowed now."""
         self._fill(now_s)
         return max(0.0, -self._left / self._rate)
 
@@ -70,7 +70,7 @@ class Meter:
 
 
 class SparseLog:
-    """Warnings that clients can cause: at most one a second, with the number of those left out. Thread-safe."""
+    """Logs warnings that clients can cause: at most one a second, with the number of omitted ones. Thread-safe."""
 
     def __init__(self, logger: logging.Logger, every_s: float = 1.0) -> None:
         self._logger, self._every_s = logger, every_s
@@ -78,20 +78,20 @@ class SparseLog:
         self._due, self._left_out = float("-inf"), 0
 
     def warning(self, message: str, *values: object) -> None:
-        """Log it, or count it."""
+        """Log the warning, or count it as omitted."""
         with self._lock:
             now = time.monotonic()
             if now < self._due:
                 self._left_out += 1
                 return
             self._due, left_out, self._left_out = now + self._every_s, self._left_out, 0
-        self._logger.warning(message + (f" ({left_out} more before)" if left_out else ""), *values)
+        self._logger.warning(message + (f" ({left_out} earlier warnings were omitted)" if left_out else ""), *values)
 
 
 class Limits:
-    """Counts what clients do. Thread-safe.
+    """Counts the requests of clients. Thread-safe.
 
-    rate, burst: changes a second of one client, and how many of them at once
+    rate, burst: most changes of one client in a second, and most at once
     """
 
     def __init__(self, rate: float = 10.0, burst: int = 20, clock: Callable[[], float] = time.monotonic) -> None:
@@ -122,9 +122,9 @@ class Limits:
 
     @contextmanager
     def slot(self, client: str, stream: Hashable) -> Iterator[None]:
-        """One of the threads that wait for vehicles to change. stream: which one is waited for
+        """Take one of the places for changes that wait for a vehicle. stream: the stream that is changed
 
-        Raises TooManyError when there is none for this client, or for this stream.
+        Raises TooManyError if this client or this stream has too many already.
         """
         with self._lock:
             full = self._running[client] >= SLOTS_A_CLIENT or self._running.total() >= SLOTS
@@ -141,7 +141,7 @@ class Limits:
 
     @contextmanager
     def look(self, stream: Hashable) -> Iterator[bool]:
-        """Whether a vehicle may be asked for its settings now: one request of a stream does, and few of all."""
+        """Whether to ask a vehicle for its settings now: at most one request for each stream does, and few of all."""
         with self._lock:
             may = stream not in self._looking and len(self._looking) < LOOKS
             if may:

@@ -1,6 +1,6 @@
-"""What every request goes through before it meets a route: is it from here, is it too long, how long did it take.
+"""The checks of every request before its route: its origin and its length. It also measures the time of the answer.
 
-Plain ASGI, because the framework's own kind holds bodies and breaks WebSockets.
+Plain ASGI, because the framework's own middleware buffers bodies and breaks WebSockets.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")
 REFUSED = "lidarcodec.refused"
-"""Where the scope of a request has why its body is refused; the body is then empty."""
+"""Key in the scope of a request for the reason why its body is refused; the body is then empty."""
 NO_BODY: Message = {"type": "http.request", "body": b"", "more_body": False}
 NEEDS_JSON = "the body must be JSON: send Content-Type: application/json"
 GUARDED, SESSION = "/api/v1/", "/api/v1/session"
-"""Where every path but one needs a token, once there are tokens."""
+"""The API: all its paths but one need a token, once there are tokens."""
 ELSEWHERE = ("cross-site", "same-site")
-"""As browsers say it of a request by a page of another origin; another port of this machine is the `same-site`."""
+"""Values of Sec-Fetch-Site for requests by a page of another origin. `same-site` can be another port of this
+machine."""
 SAFE = ("GET", "HEAD", "OPTIONS")
 HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -64,9 +65,9 @@ class Observe:
 
 
 class Reserved:
-    """Refuses whatever is neither a health check nor an operator's, on connections in the reserved places.
+    """On connections in the reserved places, refuses all requests but health checks and those of operators.
 
-    Nobody waits here for anything: the tokens are those that were known last.
+    It never waits: it uses the tokens that were read last.
     """
 
     def __init__(self, app: ASGIApp, is_operator: Callable[[HTTPConnection], bool]) -> None:
@@ -95,16 +96,16 @@ class Reserved:
 
 
 class FromHere:
-    """Refuses what a web page of another origin makes a browser do.
+    """Refuses requests that a web page of another origin makes in a browser.
 
-    A browser on this machine is let in without a token as long as there are none; a page from elsewhere must not
-    use that. It can make the browser change things and open WebSockets, but not lie about `Origin`; and it can have its
-    own name lead to this machine, but not lie about `Host`. Nor may it show a picture from here. Browsers send no
-    `Origin` for those; they send `Sec-Fetch-Site`, and heed Cross-Origin-Resource-Policy.
+    As long as there are no tokens, a browser on this machine needs none; a page from elsewhere must not use that. Such
+    a page can send changing requests and open WebSockets, but it cannot set `Origin`. It can resolve its own name to
+    this machine (DNS rebinding), but it cannot set `Host`. It must not show a picture from here either. For pictures
+    browsers send no `Origin`; they send `Sec-Fetch-Site` and obey Cross-Origin-Resource-Policy.
     """
 
     def __init__(self, app: ASGIApp, needs_local_host: Callable[[], bool]) -> None:
-        """needs_local_host: whether only this machine may be meant, because nobody needs a token"""
+        """needs_local_host: whether `Host` must be this machine, because no token is needed"""
         self._app, self._needs_local_host = app, needs_local_host
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -130,7 +131,7 @@ class FromHere:
 
 
 def _hostname(host: str) -> str:
-    """The name in a Host header; none is this machine's (HTTP/1.0)."""
+    """The name in a Host header. Without one (HTTP/1.0) it is this machine."""
     try:
         return urlsplit(f"//{host}").hostname or ("" if host else "localhost")
     except ValueError:
@@ -141,7 +142,7 @@ class Knock:
     """Refuses clients without permission, before any work is done for a request."""
 
     def __init__(self, app: ASGIApp, check: Callable[[HTTPConnection], Awaitable[object]]) -> None:
-        """check: raises ProblemError for a client that may not"""
+        """check: raises ProblemError for a client without permission"""
         self._app, self._check = app, check
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -155,10 +156,10 @@ class Knock:
 
 
 class BodyLimit:
-    """Refuses bodies that are too long, that take too long to come, or that are no JSON.
+    """Refuses bodies that are too long, too slow, or not JSON.
 
-    A body of JSON is read whole and checked before anything is done for its request. Another one is never waited for.
-    What is refused of a request that changes something is left to its route (`operations.operates`), which enters it.
+    A JSON body is read completely and checked before its request is processed. Other bodies are not read. If a changing
+    request has a refused body, its route (`operations.operates`) refuses it and writes the audit entry.
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
@@ -177,7 +178,7 @@ class BodyLimit:
 
         async def limited() -> Message:
             nonlocal size, more
-            if not more:  # from here on, waiting means waiting for the client to disconnect
+            if not more:  # the body is complete: from here on it only waits for the client to disconnect
                 return await receive()
             try:
                 message = await asyncio.wait_for(receive(), max(0.0, end - time.monotonic()))
@@ -208,7 +209,7 @@ class BodyLimit:
         await self._app(scope, read, send)
 
     def _check(self, told: int, content_type: str) -> None:
-        """Raise ProblemError for a body that need not be waited for."""
+        """Raise ProblemError for a body that can be refused before it is read."""
         if told > self._max:
             raise self._too_long()
         if not is_json(content_type):
@@ -236,13 +237,13 @@ class BodyLimit:
 
 
 def is_json(content_type: str) -> bool:
-    """Whether a body is said to be JSON; one that nothing is said of is taken for it."""
+    """Whether a content type means JSON. A body without a content type counts as JSON."""
     content = content_type.partition(";")[0].strip().lower()
     return not content or content == "application/json" or content.endswith("+json")
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, problem: ProblemError) -> None:
-    """Answer with a problem, before any route is looked for."""
+    """Answer with a problem, without looking for a route."""
     if scope["type"] == "websocket":
         await receive()  # the request to connect
         if "websocket.http.response" not in scope.get("extensions", {}):

@@ -1,4 +1,4 @@
-"""The OpenAPI document: every route, with the problems that it may answer with, and the token that it wants.
+"""The OpenAPI document: every route, with its possible problems and the token that it needs.
 
 `python -m lidarcodec_server.openapi docs/openapi.json` writes it; a test compares the two.
 """
@@ -82,7 +82,7 @@ def _finished(made: dict[str, Any]) -> dict[str, Any]:
 
 
 def text(app: FastAPI) -> str:
-    """The document as it is kept in the repository."""
+    """The document in the form of docs/openapi.json."""
     return json.dumps(app.openapi(), indent=1, sort_keys=True) + "\n"
 
 

@@ -1,9 +1,9 @@
-"""What operators do, each thing in the audit log exactly once.
+"""Operations: every changing request of an operator gets exactly one entry in the audit log.
 
-A route that changes something takes `Annotated[Operation, operates("keyframe")]`: it is for operators, and by the time
-its answer begins to be sent, `Audit` has entered it, done or refused. A route, or what it calls, that writes an entry
-of its own says so with `entered`. Requests of a client that come too soon share an entry a minute (`refusals`). Those
-without the right to change anything are counted and logged, not entered: they would fill the log.
+A route that changes something takes `Annotated[Operation, operates("keyframe")]`. Then only operators may use it, and
+`Audit` writes the entry, done or refused, before the answer is sent. Code that writes an entry of its own calls
+`entered`. Requests above a client's rate limit share one entry a minute (`refusals`). Requests of clients without
+permission are counted and logged, but get no entry, because they would fill the log.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ KEY = "lidarcodec.operations"
 
 @dataclass
 class Operation:
-    """What an operator asks.
+    """A changing request of an operator.
 
-    keys:    of the stream that it concerns, None for none;  about: what was asked, for the log
-    reason:  why it was refused;  first_frame: from which frame on it shows
-    is_entered: whether an entry of it stands in the log;  too_soon: whether a limit on rates refused it
+    keys:    its stream, or None;  about: the request, for the log
+    reason:  why it was refused;  first_frame: the first frame with the change
+    is_entered: whether it has an entry in the log;  too_soon: whether a rate limit refused it
     """
 
     client: Client
@@ -57,7 +57,7 @@ class Operation:
 
 
 def operates(action: str) -> Any:
-    """A dependency of routes that only operators may ask: what is asked, to be entered as `action`."""
+    """A dependency of routes for operators: the operation, with `action` as its name in the audit log."""
 
     def operation(connection: HTTPConnection) -> Operation:
         made = Operation(require_operator(connection), action, *_concerns(connection.path_params))
@@ -75,10 +75,10 @@ def operates(action: str) -> Any:
 
 
 class Audit:
-    """Enters what operators do before it is answered, unless it was entered."""
+    """Writes the audit entry of an operation before its answer is sent, unless it has one already."""
 
     def __init__(self, app: ASGIApp, enter: Callable[[Operation, str], object]) -> None:
-        """enter: writes an entry with a result; blocks, and raises nothing of ours"""
+        """enter: writes an entry with a result; blocks, and raises no LidarCodecError"""
         self._app, self._enter = app, enter
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -94,11 +94,11 @@ class Audit:
 
         try:
             await self._app(scope, receive, entering)
-        except Exception:  # a fault of ours, which is answered outside of this
+        except Exception:  # an unexpected error; the outer layer answers it
             await self._all(operations, "failed")
             raise
         finally:
-            await self._all(operations, "sent")  # there was no answer: what became of it is not known
+            await self._all(operations, "sent")  # there was no answer, so the result is unknown
 
     async def _all(self, operations: list[Operation], result: str) -> None:
         for operation in operations:
@@ -112,7 +112,7 @@ def _result(status: int) -> str:
 
 
 def _concerns(path: dict[str, str]) -> tuple[StreamKeys | None, dict[str, Any]]:
-    """The stream and the recording that a path names."""
+    """The stream and the recording in the parameters of a path."""
     about = {"recording": path["id"][:64]} if "id" in path else {}
     try:
         keys = StreamKeys(valid_name(path["vehicle"], "vehicle"), valid_name(path["sensor"], "sensor"))

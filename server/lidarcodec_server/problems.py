@@ -1,7 +1,7 @@
-"""Errors as RFC 9457 problems: `application/problem+json`, for everything that is not answered otherwise.
+"""Errors as RFC 9457 problems (`application/problem+json`), for all error answers.
 
-A problem's `type` is `urn:lidarcodec:problem:NAME` for what is ours and `about:blank` for what HTTP says. Nothing of an
-unexpected exception is told; its `instance` is in the log.
+A problem's `type` is `urn:lidarcodec:problem:NAME` for our own problems and `about:blank` for general ones of HTTP. The
+answer to an unexpected exception has only an `instance`; the log has the exception under this id.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:lidarcodec:problem:"
 MAX_ERRORS = 20
 TOLD = "lidarcodec.problem"
-"""Where the scope of a request has what was wrong with it, for the audit log."""
+"""Key in the scope of a request for the reason of its refusal, for the audit log."""
 MAX_REASON = 500
 NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
     (RefusedError, 422, "refused"),
@@ -44,13 +44,13 @@ NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
     (BusyError, 503, "busy"),
     (StoreError, 503, "store"),
 )
-"""The problems of our errors, by default; all other errors are unexpected."""
+"""Status and name of the problem for each of our errors; all other errors are unexpected."""
 
 
 class ProblemError(Exception):
-    """A problem to answer with.
+    """An error answer.
 
-    name: what it is, as in `urn:lidarcodec:problem:NAME`; None says no more than the status does
+    name: the NAME in `urn:lidarcodec:problem:NAME`; None if the status alone says enough
     extra: further members, such as `field`
     """
 
@@ -62,7 +62,7 @@ class ProblemError(Exception):
         self.headers, self.extra = headers or {}, extra
 
     def response(self) -> Response:
-        """The answer. Escaped to ASCII, because a detail may repeat a lone surrogate of a request."""
+        """The answer. It is escaped to ASCII, because a detail may quote a lone surrogate from a request."""
         body = {
             "type": "about:blank" if self.name is None else TYPE_PREFIX + self.name,
             "title": HTTPStatus(self.status).phrase,
@@ -74,7 +74,7 @@ class ProblemError(Exception):
 
 
 def unexpected(error: BaseException, what: str) -> ProblemError:
-    """A problem that tells nothing but an id, under which the log has everything."""
+    """A problem with only an id; the log has the details under this id."""
     instance = uuid.uuid4()
     logger.error("%s failed (%s)", what, instance, exc_info=error)
     return ProblemError(
@@ -112,7 +112,7 @@ def problem_of(error: Exception, what: str) -> ProblemError:
     if isinstance(error, RequestValidationError):
         return _validation(error)
     if isinstance(error, HTTPException):
-        if isinstance(error.__cause__, ProblemError):  # of a body, while the framework read it
+        if isinstance(error.__cause__, ProblemError):  # raised while the framework read the body
             return error.__cause__
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
     if isinstance(error, TooManyError):
@@ -137,7 +137,7 @@ async def answer(connection: HTTPConnection, error: Exception) -> Response | Non
 
 
 def install(app: FastAPI) -> None:
-    """Have an app answer every error with a problem."""
+    """Make an app answer every error with a problem."""
 
     async def handle(request: Request, error: Exception) -> Response:
         return await answer(request, error)  # type: ignore[return-value] # (a WebSocket takes None)

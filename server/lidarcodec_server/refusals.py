@@ -1,5 +1,5 @@
-"""Refusals: what operators asked more often than they may, in the audit log. Each client has one entry a minute there,
-with the number of its requests, so that a client that asks without end cannot fill the database.
+"""Refusals: audit entries of operators' requests above their rate limit. Each client has one entry a minute, with the
+number of its requests, so that a client that keeps sending requests cannot fill the database.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 MINUTE_S: Final = 60.0
 WRITE_S: Final = 5.0
-"""How often the number in an entry is written at most; when the log is read, or the server ends, it is too."""
+"""Shortest time between two updates of the number in an entry. It is also updated when the log is read and when the
+server stops."""
 MAX_CLIENTS: Final = 1024
-"""Clients whose entries still count; without tokens a client is an address."""
+"""Number of clients with an open entry; without tokens a client is an address."""
 
 
 @dataclass
@@ -37,7 +38,7 @@ class _Counted:
 
 
 class Refusals:
-    """Enters refusals, and counts further ones. Thread-safe; blocks as the store does."""
+    """Writes entries of refusals, and counts further ones. Thread-safe; blocks while the store works."""
 
     def __init__(self, store: Store, clock: Callable[[], float] = time.monotonic) -> None:
         self._store, self._clock = store, clock
@@ -45,7 +46,7 @@ class Refusals:
         self._counted: OrderedDict[str, _Counted] = OrderedDict()
 
     def enter(self, operation: Operation) -> None:
-        """Enter a request that came too soon, or count it with those of its client in the same minute.
+        """Write an entry for a refused request, or count it in its client's entry of the same minute.
 
         Raises StoreError.
         """
@@ -70,7 +71,7 @@ class Refusals:
                 self._write(self._counted.popitem(last=False)[1], now_s)
 
     def write(self) -> None:
-        """Write all numbers as they are now.
+        """Write all present numbers to the store.
 
         Raises StoreError.
         """

@@ -1,4 +1,4 @@
-"""What the REST interface takes and answers. The OpenAPI document is made of these."""
+"""The data types of REST requests and answers. The OpenAPI document is generated from them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidarcodec_server.store.store import Entry
 
 
 class WarningAnswer(BaseModel):
-    """Why a target bitrate is not kept, and what to do."""
+    """Why a target bitrate is not reached, and what to do."""
 
     code: str = Field(
         description="For programs. `target_out_of_reach`: expected from the settings. `target_missed` and "
@@ -35,12 +35,12 @@ class WarningAnswer(BaseModel):
 
     @classmethod
     def several(cls, warning: ReachWarning | None) -> list[WarningAnswer]:
-        """One, or none."""
+        """A list of one warning, or an empty list."""
         return [] if warning is None else [cls(**warning._asdict())]
 
 
 class StreamAnswer(BaseModel):
-    """A stream: who, whether its publisher is there, the settings in force and its last status (docs/live.md)."""
+    """A stream: its name, whether its publisher is online, the settings in force and its last status (docs/live.md)."""
 
     vehicle: str
     sensor: str
@@ -50,12 +50,12 @@ class StreamAnswer(BaseModel):
     )
     status: dict[str, Any] | None = Field(description="The last status; null before the first one.")
     warnings: list[WarningAnswer] = Field(
-        default=[], description="Why the target bitrate is not kept; empty while it is."
+        default=[], description="Why the target bitrate is not reached; empty while it is."
     )
 
     @classmethod
     def of(cls, stream: Stream) -> StreamAnswer:
-        """From what the service knows."""
+        """From the data of the service."""
         return cls(
             vehicle=stream.keys.vehicle,
             sensor=stream.keys.sensor,
@@ -67,7 +67,7 @@ class StreamAnswer(BaseModel):
 
 
 def _missed(stream: Stream) -> ReachWarning | None:
-    """Why a stream does not keep its target. A status from before the last change says nothing of it."""
+    """Why a stream does not reach its target. A status from before the last change is not used."""
     settings = stream.settings
     if not stream.alive or settings is None:
         return None
@@ -79,7 +79,9 @@ def _missed(stream: Stream) -> ReachWarning | None:
 
 
 def _known(settings: StreamSettings | None) -> TypeGuard[StreamSettings]:
-    """Whether settings that a vehicle told are such as can be followed here: it may be newer, or lie."""
+    """Whether this version understands settings that a vehicle reported: the vehicle may be newer, or send wrong
+    data.
+    """
     try:
         return settings is not None and check(settings) is settings
     except LidarCodecError:
@@ -100,13 +102,13 @@ class SettingsAnswer(BaseModel):
 
     @classmethod
     def of(cls, state: State) -> SettingsAnswer:
-        """From where a stream's settings stand."""
+        """From the state of a stream's settings."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
         return cls(applied=state.applied, desired=desired, operator=state.operator, refused=state.refused)
 
 
 class ChangeAnswer(BaseModel):
-    """What became of a change."""
+    """The result of a change."""
 
     applied: StreamSettings | None = Field(
         description="In force from `first_frame` on; null: the vehicle gets them later."
@@ -114,12 +116,12 @@ class ChangeAnswer(BaseModel):
     desired: StreamSettings | None = Field(description="All settings once the vehicle has accepted the change.")
     first_frame: int | None = Field(description="The first frame that can have the new settings.")
     warnings: list[WarningAnswer] = Field(
-        default=[], description="Settings that cannot be kept, such as a target bitrate that is out of reach."
+        default=[], description="Settings that cannot be met, such as a target bitrate that is out of reach."
     )
 
     @classmethod
     def of(cls, state: State) -> ChangeAnswer:
-        """From where a stream's settings stand after a change."""
+        """From the state of a stream's settings after a change."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
         in_force = state.applied or desired
         warnings = WarningAnswer.several(reach_warning(in_force) if _known(in_force) else None)
@@ -127,7 +129,7 @@ class ChangeAnswer(BaseModel):
 
 
 class KeyFrameAnswer(BaseModel):
-    """A key frame is on its way."""
+    """A key frame was requested."""
 
     first_frame: int = Field(description="The first frame that can be the key frame.")
     merged: bool = Field(description="Whether there was already such a request.")
@@ -163,10 +165,12 @@ class AuditEntry(BaseModel):
 
 
 class Reach(BaseModel):
-    """What a codec's knob reaches on the mean of two KITTI drives: an expectation. A stream's status has what its own
-    scene allows, in `rate.reachable_kbps`."""
+    """Bitrates that a codec is expected to reach: the mean of two KITTI drives. A stream's status has the values of its
+    own scene, in `rate.reachable_kbps`."""
 
-    setting: str = Field(description="What a target bitrate adjusts: `max_error_m`, or a setting of the codec.")
+    setting: str = Field(
+        description="The setting that a target bitrate adjusts: `max_error_m`, or a setting of the codec."
+    )
     coarsest: float
     finest: float
     range_bits_per_return: tuple[float, float] = Field(description="Ranges only, coarsest and finest.")
@@ -187,7 +191,7 @@ class CodecAnswer(BaseModel):
 
 
 class LinkSettings(BaseModel):
-    """The settings that a preset stands for: the body of a PATCH of a stream's settings."""
+    """The settings of a preset: the body of a PATCH of a stream's settings."""
 
     purpose: Purpose
     codec: str
@@ -195,7 +199,7 @@ class LinkSettings(BaseModel):
 
 
 class LinkAnswer(BaseModel):
-    """A preset for streams over such a link."""
+    """A preset for streams over a link."""
 
     name: str = Field(description="The name used by `publish --link`.")
     label: str = Field(description="For people.")

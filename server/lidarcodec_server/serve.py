@@ -1,6 +1,6 @@
-"""serve: the application behind a socket, until SIGINT or SIGTERM.
+"""serve: runs the application on a socket until SIGINT or SIGTERM.
 
-One process: the service owns the network session and decoders. Logs go where the caller's logging sends them.
+It is one process: the service owns the network session and the decoders. The caller configures logging.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from lidarcodec_server.tokens import TokenBook
 logger = logging.getLogger(__name__)
 
 WAITING_MESSAGES = 8
-"""WebSocket messages of one client that wait to be read; then it is not read from."""
+"""Most WebSocket messages of one client that wait for the application; with more the server stops reading."""
 OTHER_FILES = 256
-"""Open files that are no connections of clients: network, database, recordings."""
+"""Open files besides connections of clients: network, database, recordings."""
 LINGER_S = 2
-"""How long open connections may hold up the end."""
+"""Longest wait for open connections when the server stops."""
 
 
 class Listening(uvicorn.Server):
-    """A server whose connections are taken by an acceptor of our own."""
+    """A uvicorn server with our own acceptor of connections."""
 
     def __init__(
         self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor], address: str
     ) -> None:
-        """accept: begins to take connections, each with a protocol that it is given the maker of
-        address: printed once everything is open, so that a program which reads it can rely on the server
+        """accept: begins to accept connections; its argument makes the protocol of each connection
+        address: printed once everything is open, so that a program that waits for this line can rely on the server
         """
         super().__init__(config)
         self._accept, self._address = accept, address
         self._acceptor: Acceptor | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start everything, then take connections."""
+        """Start everything, then accept connections."""
         await super().startup(sockets=sockets)
         if not self.started:
             return
@@ -58,7 +58,7 @@ class Listening(uvicorn.Server):
         print(f"Serving on {self._address} until you press Ctrl-C", flush=True)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Take no more connections, and end."""
+        """Stop accepting connections, and end."""
         if self._acceptor is not None:
             self._acceptor.close()
         await super().shutdown(sockets=sockets)
@@ -72,9 +72,9 @@ class Listening(uvicorn.Server):
 
 
 def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
-    """Serve until a signal comes. listener: of `listening.begin`, for a server that only this machine reaches
+    """Serve until a signal arrives. listener: from `listening.begin`, for a server that only this machine can reach
 
-    Raises SettingsError when anybody could reach a server that needs no token; TransportError, StoreError when the
+    Raises SettingsError if other machines can reach a server that needs no token; TransportError or StoreError if the
     address, the network or the database cannot be used.
     """
     if listener is None:
@@ -91,14 +91,14 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             app,
             http=door,
             ws=ViewerProtocol.of(held),
-            ws_per_message_deflate=False,  # what is sent is compressed already
+            ws_per_message_deflate=False,  # the data is already compressed
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,
             timeout_keep_alive=config.keep_alive_s,  # type: ignore[arg-type] # (any number of seconds will do)
             timeout_graceful_shutdown=LINGER_S,
             lifespan="on",
             log_config=None,
-            log_level="critical",  # what goes wrong is logged once, by us
+            log_level="critical",  # our own code logs each error once
             access_log=False,
             server_header=False,
             proxy_headers=False,
@@ -109,7 +109,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     own.start()
     try:
         server.run(sockets=[])
-    except SystemExit:  # how it says that it could not start
+    except SystemExit:  # uvicorn's way to report that it could not start
         raise app.state.failure or TransportError("the server could not start") from None
     finally:
         own.close()
@@ -119,7 +119,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
 
 
 def with_handles(config: ServerConfig) -> ServerConfig:
-    """The configuration with as many connections as this process may open, after raising that to what is allowed."""
+    """Raise the limit of open files as far as allowed. Returns the configuration with as many connections as fit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         try:
@@ -140,9 +140,9 @@ def with_handles(config: ServerConfig) -> ServerConfig:
 
 
 def check_open(config: ServerConfig) -> None:
-    """Refuse to let anybody change a fleet.
+    """Check that strangers cannot change the fleet.
 
-    Raises SettingsError for a server that others can reach and that needs no token.
+    Raises SettingsError if other machines can reach a server that needs no token.
     """
     if config.loopback:
         return

@@ -1,6 +1,6 @@
 """Service: what the server does, without HTTP. Its methods block; call them from threads.
 
-The network session is opened in a thread of its own, because a router may be away for long: until then
+A thread of its own opens the network session, because a router may be away for a long time. Until the session is open,
 `transport` raises TransportError, and `open` is False.
 """
 
@@ -30,23 +30,23 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 START_S = 1.0
-"""How long `start` waits for the network: endpoints that cannot be used are known by then."""
+"""How long `start` waits for the network. Unusable endpoints are known by then."""
 RETRY_S = 5.0
-"""From one try to join the network to the next, after the start."""
+"""Interval of later attempts to join the network."""
 
 
 class Service:
     """The streams of a fleet.
 
-    fleet:   which there are;  control: how to change them;  store: what survives a restart
-    tokens:  of clients;  metrics: for Prometheus;  limits: of each client
-    refusals: what was asked beyond that
-    warnings: a log for what clients can cause
+    fleet:   the known streams;  control: changes their settings;  store: data that survives a restart
+    tokens:  tokens of clients;  metrics: for Prometheus;  limits: request limits of each client
+    refusals: audit entries of requests above the limits
+    warnings: a log for warnings that clients can cause
     closing: things to close before the network session, in reverse order
     """
 
     def __init__(self, config: ServerConfig, transport: Transport | None = None) -> None:
-        """transport: one that is open, and stays the caller's; by default the service opens one of its own."""
+        """transport: an open transport, which the caller closes; by default the service opens its own"""
         self.config = config
         self.fleet = Fleet(config.max_streams, config.max_sensors)
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
@@ -66,27 +66,27 @@ class Service:
 
     @property
     def open(self) -> bool:
-        """Whether the network session is there."""
+        """Whether the network session is open."""
         return self._transport is not None and not self._stop.is_set()
 
     def ready(self) -> dict[str, bool]:
-        """Which parts are there: the Zenoh session, and the store, which is asked."""
+        """Whether each part is ready: the Zenoh session, and the store. It queries the store."""
         return {"zenoh": self.open, "store": self.store.ready()}
 
     @property
     def transport(self) -> Transport:
         """The network session.
 
-        Raises TransportError before it is open.
+        Raises TransportError while it is not open.
         """
         if self._transport is None or self._stop.is_set():
-            raise TransportError("the server has no Zenoh session yet: it keeps trying")
+            raise TransportError("the server has no Zenoh session yet: it keeps trying to open one")
         return self._transport
 
     def start(self) -> None:
         """Begin.
 
-        Raises TransportError when the endpoints cannot be used, StoreError when the database cannot.
+        Raises TransportError if the endpoints cannot be used, StoreError if the database cannot be used.
         """
         self.store.open()
         if not self.tokens.needed:
@@ -105,7 +105,7 @@ class Service:
             raise self._failure
 
     def close(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._stop.set()
         self.control.close()
         self.closing.close()
@@ -120,12 +120,12 @@ class Service:
         self.store.close()
 
     def stream(self, keys: StreamKeys) -> Stream | None:
-        """What is known of a stream; None when it was never seen, and no settings are kept for it."""
+        """A stream as the server knows it; None if it was never seen and has no stored settings."""
         found = self.fleet.get(keys)
         return Stream(keys) if found is None and self.store.desired(keys) else found
 
     def streams(self) -> list[Stream]:
-        """All streams that were seen, or that settings are kept for, by name."""
+        """All streams that were seen or have stored settings, sorted by name."""
         found = self.fleet.streams()
         try:
             kept = self.store.all_desired()
@@ -137,12 +137,12 @@ class Service:
         return sorted(found, key=lambda one: (one.keys.vehicle, one.keys.sensor))
 
     def audit(self, keys: StreamKeys | None, limit: int, before: int | None) -> list[Entry]:
-        """Entries of the audit log, newest first, with all that was counted until now."""
+        """Entries of the audit log, newest first, with up-to-date counts."""
         self.refusals.write()
         return self.store.audit(keys, limit, before)
 
     def enter(self, operation: Operation, result: str) -> None:
-        """Enter what an operator did into the audit log; a log that cannot be written undoes nothing."""
+        """Write an operation to the audit log. If the log cannot be written, the operation stays valid."""
         who, action, keys = operation.client.name, operation.action, operation.keys
         first, reason = operation.first_frame, operation.reason
         try:
@@ -160,11 +160,11 @@ class Service:
         while not self._stop.is_set():
             try:
                 self._join_network()
-            except BaseException as error:  # a panic of native code is no Exception
+            except BaseException as error:  # a panic of native code is not an Exception
                 failure = told(error)
                 if not self._stop.is_set():
                     logger.warning("cannot join the network: %s", failure)
-                if not self._started:  # `start` raises it
+                if not self._started:  # then `start` raises it
                     self._failure = failure
                     break
                 self._stop.wait(RETRY_S)
@@ -205,7 +205,7 @@ class Service:
 
 
 def _keys_of(key: str) -> StreamKeys | None:
-    """The stream of a key; None where vehicle or sensor is no name."""
+    """The stream of a key; None if its vehicle or sensor is not a valid name."""
     try:
         return StreamKeys.parse(key.rpartition("/")[0])
     except SettingsError:

@@ -1,7 +1,7 @@
-"""Tokens: made once, shown once, kept as SHA-256.
+"""Tokens: made once, shown once, stored as SHA-256.
 
-A token is 256 random bits. Nobody guesses those, so a slow hash, which protects passwords that people choose, would
-protect nothing here and cost every request; a reader of the database cannot use what is stored.
+A token is 256 random bits, which cannot be guessed. So a slow hash, as for passwords, is not needed and would slow down
+every request. A stored digest cannot be used as a token.
 
 >>> token = new_token()
 >>> token.startswith("lct_"), len(token), len(digest_of(token))
@@ -28,36 +28,36 @@ logger = logging.getLogger(__name__)
 
 PREFIX = "lct_"
 REFRESH_S = 0.4
-"""So soon a token that was made or revoked elsewhere is known here."""
+"""Interval of reading the tokens from the store: a token that another program made or revoked is known after it."""
 
 OPENER = "serve --open"
-"""What the audit log says of a server that was opened again."""
+"""Name in the audit log for `serve --open`."""
 
 FAILED_S = 5.0
-"""Until the store is asked again after it did not answer."""
+"""Wait before the store is asked again after it did not answer."""
 
 
 class Client(NamedTuple):
-    """Who asks: the name of the token, or of the host where no tokens are needed."""
+    """A client: the name of its token, or its host if no token is needed."""
 
     name: str
     role: Role
 
 
 def new_token() -> str:
-    """256 random bits, in letters that headers and WebSocket subprotocols allow."""
+    """256 random bits as text that headers and WebSocket subprotocols allow."""
     return PREFIX + secrets.token_urlsafe(32)
 
 
 def digest_of(token: str) -> str:
-    """What is kept of a token."""
+    """The SHA-256 that is stored for a token."""
     return sha256(token.encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def create_token(store: Store, name: str, role: str, who: str = "") -> str:
-    """Make and keep a token; the only time that it is seen. who: makes it, for the audit log
+    """Make a token, store its digest, and return it. It cannot be shown again. who: its maker, for the audit log
 
-    Raises SettingsError for a name that is none or was used, or a role that there is not.
+    Raises SettingsError for a name that is invalid or was used before, or an unknown role.
     """
     valid_name(name, "name")
     if role not in ("viewer", "operator"):
@@ -70,14 +70,16 @@ def create_token(store: Store, name: str, role: str, who: str = "") -> str:
 
 
 class TokenBook:
-    """The tokens that work, as of at most half a second ago. Thread-safe.
+    """The valid tokens, at most half a second old. Thread-safe.
 
-    Once a token was needed one always is: whether tokens are revoked, deleted, or gone with the whole database. While
-    the store does not answer, those that were known go on working.
+    Once a token was needed, a token is always needed, even if all tokens, or the whole database, are deleted. While the
+    store does not answer, known tokens stay valid.
     """
 
     def __init__(self, store: Store, *, opened: bool = False) -> None:
-        """opened: let everybody in until the next token is made, although tokens were needed before (`serve --open`)"""
+        """opened: allow access without a token until the next token is made, although tokens were needed (`serve
+        --open`)
+        """
         self._store, self._opened = store, opened
         self._lock = threading.Lock()
         self._tokens: list[Token] = []
@@ -87,30 +89,30 @@ class TokenBook:
 
     @property
     def needed(self) -> bool:
-        """Whether a token was ever needed. Nothing that becomes of tokens opens a server."""
+        """Whether a token was ever needed. Revoking or deleting tokens does not change it."""
         self._known()
         return self._needed
 
     @property
     def seen(self) -> bool:
-        """The same, as it was known last: asks nobody, so that it may be called anywhere."""
+        """The same without reading the store: the last known state. It never blocks."""
         return self._needed
 
     @property
     def working(self) -> bool:
-        """Whether any token works."""
+        """Whether there is a valid token."""
         return any(token.revoked_ns is None for token in self._known())
 
     def client(self, token: str) -> Client | None:
-        """Whose token it is; None for one that does not work."""
+        """The client of a token; None if the token is invalid."""
         return self._client(self._known(), token)
 
     def seen_client(self, token: str) -> Client | None:
-        """The same, as it was known last: asks nobody, so that it may be called anywhere."""
+        """The same without reading the store: the last known state. It never blocks."""
         return self._client(self._tokens, token)
 
     def owner(self, token: str) -> str | None:
-        """The name of a token that works, as it was known last."""
+        """The name of a valid token, without reading the store."""
         client = self.seen_client(token)
         return None if client is None else client.name
 
@@ -118,13 +120,13 @@ class TokenBook:
     def _client(tokens: list[Token], token: str) -> Client | None:
         digest = digest_of(token)
         found = None
-        for known in tokens:  # all of them, so that the time tells nothing
+        for known in tokens:  # compare with all tokens, so that the time reveals nothing
             if hmac.compare_digest(known.digest, digest) and known.revoked_ns is None:
                 found = Client(known.name, cast(Role, known.role))
         return found
 
     def _known(self) -> list[Token]:
-        if self._lock.acquire(blocking=not self._loaded):  # one asks a store that is slow, and holds up no other
+        if self._lock.acquire(blocking=not self._loaded):  # one thread reads a slow store; the others do not wait
             try:
                 if time.monotonic() >= self._due:
                     self._refresh()
@@ -139,7 +141,7 @@ class TokenBook:
                 self._open(found)
             needed = self._needed
             self._latch(found)
-            if self._needed and not needed and not found:  # the first one may have been made in between
+            if self._needed and not needed and not found:  # the first token may have been made in between
                 self._latch(self._store.tokens())
             self._loaded, self._failing, wait_s = True, False, REFRESH_S
         except StoreError as error:

@@ -1,7 +1,7 @@
-"""What a vehicle tells, before anything of it is believed or passed on: its status, its settings, its answers.
+"""Checks data of vehicles before it is used or passed on: status, settings and answers.
 
-A status is anybody's JSON. `read_status` keeps the fields that docs/live.md lists, each of its type and size. It drops
-all else and counts it, so that browsers, logs and metrics get expected values only.
+Any program on the network can send a status. `read_status` keeps the fields that docs/live.md lists, if they have the
+right type and size. It drops and counts everything else, so browsers, logs and metrics get only expected values.
 
 >>> told = read_status(b'{"fps": 10.0, "kbps": "much", "colour": "red"}')
 >>> told.status, told.dropped
@@ -22,13 +22,13 @@ from lidarcodec.untrusted.json import read_object
 
 MAX_STATUS_BYTES: Final = 64 * 1024
 MAX_SETTINGS_BYTES: Final = 8 * 1024
-"""Of the settings of a stream as JSON; those of every codec together are a tenth of it."""
+"""Largest settings of a stream as JSON. The settings of all codecs together are a tenth of it."""
 MAX_FRAME: Final = 2**63
 MAX_NAMES: Final = 64
-"""Causes that are counted, in `errors` and the like."""
+"""Most names in an object such as `errors`, which has a count for each cause."""
 MAX_RECEIVERS: Final = 64
 TEXT: Final = 512
-"""Characters of a path, a note or a reason."""
+"""Most characters of a path, a note or a reason."""
 WORD: Final = 64
 BUCKETS: Final = len(BOUNDS_MS) + 1
 
@@ -41,11 +41,11 @@ class Told(NamedTuple):
 
 
 class _OtherError(ValueError):
-    """A value is not what its field holds."""
+    """A value does not fit its field."""
 
 
 class _Reader:
-    """Counts what is dropped."""
+    """Reads values and counts the dropped ones."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -64,7 +64,7 @@ class _Reader:
 
 
 Check = Callable[[_Reader, Any], Any]
-"""Gives the value as it is passed on. Raises _OtherError for one of another type or size."""
+"""Returns the checked value. Raises _OtherError for a wrong type or size."""
 
 
 def _unknown(_: _Reader, __: Any) -> Any:
@@ -72,7 +72,7 @@ def _unknown(_: _Reader, __: Any) -> Any:
 
 
 def number(_: _Reader, value: Any) -> float:
-    """A finite number, as a 64-bit field holds it."""
+    """A finite number with an absolute value below 2^63."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 2**63:
         raise _OtherError
     return value
@@ -93,7 +93,7 @@ def flag(_: _Reader, value: Any) -> bool:
 
 
 def text(longest: int) -> Check:
-    """Text of at most so many characters."""
+    """Text of at most `longest` characters."""
 
     def check(_: _Reader, value: Any) -> str:
         if not isinstance(value, str) or len(value) > longest:
@@ -104,17 +104,17 @@ def text(longest: int) -> Check:
 
 
 def or_null(of: Check) -> Check:
-    """The same, or null."""
+    """A value of this kind, or null."""
     return lambda reader, value: None if value is None else of(reader, value)
 
 
 def record(**fields: Check) -> Check:
-    """An object with these fields, of which any may be missing."""
+    """An object with these fields; each of them may be missing."""
     return lambda reader, value: reader.record(value, fields)
 
 
 def named(of: Check, most: int = MAX_NAMES, longest: int = WORD) -> Check:
-    """An object with names of its own; those beyond `most` are dropped."""
+    """An object with any names; names beyond `most` are dropped."""
 
     def check(reader: _Reader, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -127,7 +127,7 @@ def named(of: Check, most: int = MAX_NAMES, longest: int = WORD) -> Check:
 
 
 def several(of: Check, most: int, least: int = 0) -> Check:
-    """A list of so many values."""
+    """A list of `least` to `most` values."""
 
     def check(reader: _Reader, value: Any) -> list[Any]:
         if not isinstance(value, list) or not least <= len(value) <= most:
@@ -240,16 +240,16 @@ _FIELDS: Final[dict[str, Check]] = {
 
 
 def read_status(data: bytes) -> Told:
-    """A status, as far as it is known.
+    """The known fields of a status.
 
-    Raises JsonRefusedError for what is none.
+    Raises JsonRefusedError if it is not valid JSON or exceeds its limits.
     """
     reader = _Reader()
     return Told(reader.record(read_object(data, MAX_STATUS_BYTES), _FIELDS), reader.dropped)
 
 
 def read_answer(data: bytes) -> dict[str, Any]:
-    """What a vehicle answers to a query; who uses a field of it checks that field.
+    """A vehicle's answer to a query. The caller checks the fields that it uses.
 
     Raises JsonRefusedError.
     """
@@ -257,7 +257,7 @@ def read_answer(data: bytes) -> dict[str, Any]:
 
 
 def known_settings(values: Any) -> StreamSettings | None:
-    """Settings that a vehicle told; what a newer vehicle has beyond ours is left out. None for what is none."""
+    """Settings that a vehicle reported. Unknown settings of a newer vehicle are dropped. None if they are invalid."""
     if not isinstance(values, dict):
         return None
     known = {name: value for name, value in values.items() if name in StreamSettings.model_fields}
@@ -269,7 +269,7 @@ def known_settings(values: Any) -> StreamSettings | None:
 
 
 def check_settings_size(values: dict[str, Any]) -> None:
-    """Check that settings stay small, and plain enough to be kept, sent and shown.
+    """Check that settings are small and simple enough to be stored, sent and shown.
 
     Raises SettingsError.
     """
@@ -280,9 +280,9 @@ def check_settings_size(values: dict[str, Any]) -> None:
 
 
 def check_names(values: Any) -> None:
-    """Checks that no setting names a file by its path: clients must not learn which files exist here.
+    """Check that no setting is the path of a file: clients must not learn which files exist here.
 
-    Raises SettingsError, with the same words whether there is such a file or not.
+    Raises SettingsError, with the same text whether the file exists or not.
     """
     if isinstance(values, str) and (values.startswith((".", "~")) or any(sign in values for sign in "/\\:\0")):
         raise SettingsError("a setting must be a name here, not the path of a file", "codec_settings")
@@ -292,11 +292,11 @@ def check_names(values: Any) -> None:
 
 
 def first_frame(answer: dict[str, Any]) -> int | None:
-    """The frame that an answer names; None where it names none."""
+    """The frame number in an answer; None if it has none."""
     value = answer.get("first_frame")
     return value if is_count(value) else None
 
 
 def is_count(value: Any) -> bool:
-    """Whether a value is a whole number that a 64-bit field holds."""
+    """Whether a value is a whole number that fits a 64-bit field."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < MAX_FRAME

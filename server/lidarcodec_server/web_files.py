@@ -1,8 +1,7 @@
 """The built page: files of the folder `web/`, ready to be sent.
 
-The build gives every file below `assets/` a name made from its content, so a browser may keep those for good; the
-others are asked for again and answered with 304 while they are the same. Files are compressed once, when first asked
-for.
+The build gives every file below `assets/` a name made from its content, so a browser may cache these files for good. It
+asks again for the others, and gets 304 while they are unchanged. A file is compressed once, at its first request.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ MANIFEST = "sources.json"
 KEPT = "assets/"
 TYPES = {".js": "text/javascript; charset=utf-8", ".wasm": "application/wasm", ".html": "text/html; charset=utf-8"}
 WORTH_BYTES = 1024
-"""Below this, compression saves no packet."""
+"""Smaller files are not compressed: it would not save a packet."""
 
 
 @dataclass(frozen=True)
 class WebFile:
-    """One file: its address below the page, and what is sent."""
+    """One file: its path below the page, and its content."""
 
     name: str
     content: bytes
@@ -43,7 +42,7 @@ class WebFile:
 
     @cached_property
     def compressed(self) -> bytes | None:
-        """The content as gzip, or None where that saves nothing worth it."""
+        """The content as gzip, or None if that saves too little."""
         if len(self.content) < WORTH_BYTES:
             return None
         packed = gzip.compress(self.content, 9, mtime=0)

@@ -50,7 +50,7 @@ def test_the_end_of_a_certificate_is_warned_of_and_a_renewed_one_is_used(tmp_pat
         assert eventually(lambda: days_left(port) == 3, 60.0)
         assert eventually(lambda: any("ends on" in line and "c.pem" in line for line in said))
         (tmp_path / "c.pem").write_text("nothing")
-        assert eventually(lambda: any("read before is used on" in line for line in said))
+        assert eventually(lambda: any("the earlier one stays in use" in line for line in said))
         assert days_left(port) == 3
         renew(authority, tmp_path, 90)
         assert eventually(lambda: days_left(port) == 90)

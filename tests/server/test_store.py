@@ -266,7 +266,7 @@ def test_a_database_that_is_removed_under_a_server_keeps_nothing_in_silence(tmp_
     (tmp_path / "backup.db").rename(tmp_path / "server.db")
     assert store.ready()
     assert store.desired(CAR) == {}
-    assert "another database is now at" in caplog.text
+    assert "was replaced; the new one is now in use" in caplog.text
     store.close()
 
 

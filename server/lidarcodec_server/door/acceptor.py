@@ -2,8 +2,8 @@
 
 The connections of a host have a rate limit. Above it the request is examined before a protocol object is made: a client
 with a valid token gets in, `/healthz` is answered at once, and all others get a fixed answer, or none if there are too
-many of those. That costs a tenth of refusing a request in HTTP, and the system's queue is kept short. Otherwise a
-client that connects again and again fills that queue and delays all other clients.
+many of them. That is far cheaper than refusing a request in HTTP, and it keeps the system's queue short. Otherwise a
+client that connects again and again would fill that queue and delay all other clients.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ WELL: Final = (
     b'Connection: close\r\nContent-Length: 11\r\n\r\n{"ok":true}'
 )
 _HANDSHAKE, _RECORD = 0x16, 5
-"""RFC 8446, 5.1: the type of a record that begins a handshake, and bytes of its head, the last two the length."""
+"""RFC 8446, 5.1: the type of a record that begins a handshake, and the size of its head in bytes. The last two of
+them are the length."""
 _READY: Final = b"GET /readyz "
 _TOKEN: Final = re.compile(
     rb"\r\n(?:authorization: *bearer +|sec-websocket-protocol:[^\r]*?" + re.escape(TOKEN_PROTOCOL).encode() + rb")"
@@ -69,7 +70,7 @@ class Acceptor:
         *,
         encrypted: bool,
     ) -> None:
-        """protocol: makes the protocol of a connection that gets in
+        """protocol: makes the protocol of an accepted connection
         owner: gives the name of a token if it is known to be valid, without reading the store
         encrypted: requests cannot be read yet, and a refused client gets no answer
         """
@@ -186,15 +187,15 @@ class Acceptor:
         return True
 
     def _may_enter(self, data: bytes, host: str, found: re.Match[bytes] | None) -> bool:
-        """Whether a client asks if the server is ready, or has a valid token, and not too often."""
+        """Whether a client has a valid token or asks for `/readyz`, and does so within its rate limit."""
         if data.startswith(_READY):
-            return not self._held.hasty_client(f"of those who ask if it is ready, on {host}")
+            return not self._held.hasty_client(f"of readiness checks, on {host}")
         return found is not None and not self._held.hasty_client(self._owner(found[1].decode("latin-1")) or "")
 
     def _turn_away(self, one: socket.socket, host: str) -> None:
         self._held.end("hasty", host, "it connects too often")
-        told = not self._encrypted and not self._held.hasty_client(f"of those who are told, on {host}")
-        self._answer(one, TOO_MANY if told else b"")
+        explained = not self._encrypted and not self._held.hasty_client(f"of refusals with an answer, on {host}")
+        self._answer(one, TOO_MANY if explained else b"")
 
     def _answer(self, one: socket.socket, answer: bytes) -> None:
         """Answer, if there is an answer, and close."""

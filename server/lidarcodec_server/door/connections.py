@@ -1,6 +1,6 @@
 """Connections: limits of connections, so that a client with many does not keep others out.
 
-Each host has a limit, and all hosts together have one. A connection beyond it replaces an idle one, the one that has
+Each host has a limit, and all hosts together have one. A connection beyond a limit replaces the connection that has
 been idle longest, of the same host or of the host with the most connections. If none is idle, a few reserved places are
 left for health checks and operators (`middleware.Reserved`).
 
@@ -40,9 +40,9 @@ HOSTS_AT_RATE = 4
 REQUESTS_A_CONNECTION = 2.0
 """Rate limit of requests on open connections of a host, as a multiple of that of its new connections."""
 NEW_TOKENS = 0.05
-"""Connections with a token that is not known, for each that a host may make."""
+"""Rate limit of connections with an unknown token, as a multiple of the rate limit of one host."""
 MAX_METERS = 8192
-"""Most rates that are remembered; the one used longest ago is dropped."""
+"""Number of rates that are remembered; the one used longest ago is dropped."""
 V6_NETWORK = 64
 """Bits of an IPv6 network that providers give one customer. All addresses in it count as one host."""
 
@@ -57,10 +57,10 @@ class _Held:
 class Connections:
     """The connections of a server. Belongs to the event loop.
 
-    most:        places of all hosts together;  most_a_host: of one
+    most:        places of all hosts together;  most_a_host: places of one host
     reserved:    further places, for health checks and operators
     proxies:     addresses whose connections are counted with all, but have no limit of their own
-    a_second:    connections that one host may make in a second, and four times as many all together
+    a_second:    connections that one host may make in a second; all hosts together may make four times as many
     ended:       connections that were ended, by reason
     """
 
@@ -118,7 +118,7 @@ class Connections:
             self._unwait(held.host, key)
 
     def gone(self, key: Hashable) -> None:
-        """A connection has ended; harmless when called twice."""
+        """A connection has ended. A second call does nothing."""
         held = self._held.pop(key, None)
         if held is None:
             return
@@ -151,9 +151,10 @@ class Connections:
         return False
 
     def hasty_client(self, name: str) -> bool:
-        """Whether a client whose token works, on a host that connects too often, has done so itself.
+        """Whether a client with a valid token connects too often itself. Asked when its host does.
 
-        name: empty for all together whose token is not known yet; some get in, so that new tokens become known
+        name: name of the token; empty for all clients with an unknown token. Some of these get in, so that new tokens
+        become known
         """
         meter, now_s = self._meter(f"token {name}", 1.0 if name else NEW_TOKENS), time.monotonic()
         if meter.wait_s(now_s) > 0:

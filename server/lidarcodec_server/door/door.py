@@ -36,7 +36,7 @@ class Door(asyncio.Protocol):
         return type(cls.__name__, (cls,), {"held": inside.held, "inside": inside, "tls": tls})
 
     def __init__(self, **named: Any) -> None:
-        """named: what the HTTP protocol is made with"""
+        """named: arguments for the HTTP protocol"""
         self._named = named
         self._transport: asyncio.Transport | None = None
         self._place: Place = "refused"
@@ -68,13 +68,13 @@ class Door(asyncio.Protocol):
             self._shaking = asyncio.get_running_loop().create_task(self._shake_hands(self._transport, self.tls))
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It has gone."""
+        """The connection has ended."""
         self._leave()
         if self._transport is not None:
-            self.held.gone(self._transport)  # one that is encrypted is known by another name once that is done
+            self.held.gone(self._transport)  # after the TLS handshake its place has another key
 
     def shutdown(self) -> None:
-        """The server ends."""
+        """The server stops."""
         if self._transport is not None:
             self._transport.abort()
 
@@ -93,7 +93,7 @@ class Door(asyncio.Protocol):
         shaking = loop.create_task(
             loop.start_tls(plain, first, tls, server_side=True, ssl_handshake_timeout=HANDSHAKE_S)
         )
-        # Behind the callbacks by which it takes the connection over, and before more is read.
+        # After the callbacks with which it takes the connection over, and before more is read.
         loop.call_soon(loop.call_soon, self._pass_on, plain)
         try:
             made = await shaking
@@ -110,7 +110,7 @@ class Door(asyncio.Protocol):
 
     def _pass_on(self, plain: asyncio.Transport) -> None:
         """Pass data received before the switch to the TLS protocol."""
-        protocol: Any = plain.get_protocol()  # an asyncio.BufferedProtocol, though uvloop's does not say so
+        protocol: Any = plain.get_protocol()  # an asyncio.BufferedProtocol; uvloop's is one without the base class
         while self._early and not plain.is_closing():
             buffer = memoryview(protocol.get_buffer(len(self._early)))
             size = min(len(buffer), len(self._early))

@@ -22,7 +22,7 @@ for needed in ("fastapi", "sqlalchemy", "uvicorn"):
 def begin(config: ServerConfig) -> socket.socket:
     """Listen.
 
-    Raises SettingsError for files of TLS that cannot be used, TransportError when the address cannot.
+    Raises SettingsError for unusable TLS files, TransportError if it cannot listen on the address.
     """
     check_tls(config)
     return listen(config.host, config.port)
@@ -38,7 +38,7 @@ def address_of(listener: socket.socket, config: ServerConfig) -> str:
 def check_tls(config: ServerConfig) -> None:
     """Try the certificate and the key before anything is opened.
 
-    Raises SettingsError for one without the other, or invalid files.
+    Raises SettingsError if one of them is missing or invalid.
     """
     if (config.tls_certificate is None) != (config.tls_key is None):
         raise SettingsError("TLS needs both --tls-certificate and --tls-key", "tls_key")

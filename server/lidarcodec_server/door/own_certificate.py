@@ -1,4 +1,4 @@
-"""OwnCertificate: the server's certificate for HTTPS. A renewed file is used at once, and its end is warned of."""
+"""OwnCertificate: the server's certificate for HTTPS. It uses a renewed file at once, and warns before it expires."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class OwnCertificate:
     """Looks at the files of a configuration in a thread of its own, between `start` and `close`."""
 
     def __init__(self, config: ServerConfig, use: Callable[[SSLContext | None], None], look_s: float = LOOK_S) -> None:
-        """use: gives later connections another TLS context"""
+        """use: sets the TLS context of later connections"""
         self._config, self._use, self._look_s = config, use, look_s
         self._seen = self._state()
         self._watch: CertificateWatch | None = None
@@ -39,7 +39,7 @@ class OwnCertificate:
             self._thread.start()
 
     def close(self) -> None:
-        """End; harmless when called twice."""
+        """End. A second call does nothing."""
         self._stop.set()
         if self._watch is not None:
             self._watch.close()
@@ -56,13 +56,13 @@ class OwnCertificate:
             check_tls(self._config)
             self._use(tls_of(self._config))
         except (SettingsError, OSError, ValueError) as error:
-            logger.warning("the certificate that was read before is used on: %s", error)
+            logger.warning("the new certificate cannot be used; the earlier one stays in use: %s", error)
             return
-        logger.warning("the certificate in %s was renewed and is used from here on", self._config.tls_certificate)
+        logger.warning("the certificate in %s was renewed and is now in use", self._config.tls_certificate)
         self._warn()
 
     def _warn(self) -> None:
-        """Warn of the end of the certificate that is used now, when that comes near."""
+        """Warn if the certificate in use expires soon."""
         path = self._config.tls_certificate
         if self._watch is not None:
             self._watch.close()
@@ -75,11 +75,11 @@ class OwnCertificate:
             self._watch.start()
 
     def _state(self) -> tuple[tuple[int, int, int] | None, ...]:
-        """What tells a file from another one, of the certificate and of the key."""
-        return tuple(map(_told, (self._config.tls_certificate, self._config.tls_key)))
+        """Identity and version of the files of the certificate and of the key; it changes when a file is replaced."""
+        return tuple(map(_identity, (self._config.tls_certificate, self._config.tls_key)))
 
 
-def _told(path: Path | None) -> tuple[int, int, int] | None:
+def _identity(path: Path | None) -> tuple[int, int, int] | None:
     try:
         found = None if path is None else path.stat()
     except OSError:

@@ -1,4 +1,4 @@
-"""The HTTP protocol of the server. It closes connections of clients that send no request.
+"""The HTTP protocol of the server. It closes the connections of clients that send no request.
 
 The number of connections is limited. If a client could keep all of them without a request, it could block the server
 without a token.
@@ -20,9 +20,9 @@ RESERVED_S = 2.0
 
 
 MAX_HEAD_BYTES = 16 * 1024
-"""Of a request up to its body, and of what may follow a body in chunks."""
+"""Largest head of a request, and largest trailer after a body in chunks, in bytes."""
 MAX_HEADERS = 100
-"""Header fields of a request; a browser sends twenty."""
+"""Most header fields of a request; a browser sends twenty."""
 TOO_LARGE = 431
 CHUNKS, CHUNK_BYTES = 64, 64
 """Most chunks of a body, and bytes that allow one more: parsing a chunk takes as long as receiving 10 kB."""
@@ -31,20 +31,21 @@ LATE_BYTES = 1024 * 1024
 
 
 class Parser(h11.Connection):
-    """Refuses requests of many small parts, which are slow to parse, and requests whose end a proxy may see elsewhere.
+    """Refuses requests of many small parts, because they are slow to parse, and requests that a proxy may divide at
+    another place (request smuggling).
 
     refused: status of the refusal
     """
 
     def __init__(self) -> None:
-        super().__init__(h11.SERVER, MAX_HEAD_BYTES)  # which is looked at while a head is not there as a whole
+        super().__init__(h11.SERVER, MAX_HEAD_BYTES)  # h11 checks it only while a head is incomplete
         self.refused = 400
         self._chunks = self._bytes = 0
 
     def next_event(self) -> Any:
         """The next part of a request.
 
-        Raises h11.RemoteProtocolError for one with too many.
+        Raises h11.RemoteProtocolError for a request with too many parts.
         """
         try:
             return self._checked(len(self._receive_buffer))
@@ -75,8 +76,8 @@ class Parser(h11.Connection):
 class Times(NamedTuple):
     """Time limits of a client, in seconds.
 
-    request_s: until a connection's first request is there, up to its body, and the next one after an answer
-    read_s:    to read what is sent, before more of it can be sent
+    request_s: to send the head of the first request, and of the next one after an answer
+    read_s:    to read a full send buffer, before more can be sent
     """
 
     request_s: float = 10.0
@@ -86,7 +87,7 @@ class Times(NamedTuple):
 class RequestProtocol(H11Protocol):
     """Ends a connection when its next request is not complete in time, or its client does not read.
 
-    held:  all connections of the server;  times: how long each thing may take
+    held:  all connections of the server;  times: its time limits
     place: of this connection, once it is admitted
     """
 
@@ -128,7 +129,7 @@ class RequestProtocol(H11Protocol):
             self.held.works(self.transport)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request, which may be there already. Hosts with too many requests are slowed down."""
+        """Wait for the next request; it may have arrived already. Hosts with too many requests are slowed down."""
         self._expect()
         self.held.waits(self.transport)
         pause_s = self.held.pause_s(self.client[0] if self.client else "local")

@@ -1,7 +1,7 @@
-"""Control: stores changes of settings by operators, sends them to vehicles, and again to vehicles that come back.
+"""Control: stores operators' changes of settings, and sends them to vehicles, again when a vehicle comes back.
 
-A change is stored before it is sent, so that the vehicle gets it in the end even if the server is killed. Changes of
-one stream are sent one by one. A few threads send settings to vehicles that came back or did not answer.
+A change is stored before it is sent, so the vehicle gets it later even if the server is killed. Changes of one stream
+are sent one after the other. A few threads send settings to vehicles that came back or did not answer.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ TURN_S = 10.0
 GET_S = 1.0
 AGAIN_S = 2.0
 RARELY_S = 60.0
-"""Wait before a connected vehicle that did not answer is asked again: the first one, and the longest."""
+"""First and longest wait before a connected vehicle that did not answer is asked again."""
 WORKERS = 4
 CLOSE_S = 2.0
-"""Longest wait at the end for answers of vehicles; the settings are in the store anyway."""
+"""Longest wait for answers of vehicles when the server stops; the settings are in the store anyway."""
 MAX_REASON, MAX_FIELD = 500, 100
 
 
@@ -67,8 +67,8 @@ class State(NamedTuple):
     """The settings of a stream.
 
     applied:  current settings, None when the vehicle is away
-    desired:  complete settings with those of operators applied, None if operators set nothing
-    operator: settings that operators set;  refused: why the vehicle does not use them
+    desired:  all settings of the stream once it has those of operators, None if operators set nothing
+    operator: the settings that operators set;  refused: why the vehicle does not use them
     """
 
     applied: StreamSettings | None
@@ -79,7 +79,7 @@ class State(NamedTuple):
 
 
 class Control:
-    """Changes streams; see the module. Thread-safe; methods block for seconds at most."""
+    """Changes settings of streams; see the module. Thread-safe; methods block for seconds at most."""
 
     def __init__(self, fleet: Fleet, store: Store, transport: Callable[[], Transport], answer_s: float = 3.0) -> None:
         """transport: gives the network session, or raises TransportError while there is none"""
@@ -104,7 +104,7 @@ class Control:
             thread.start()
 
     def close(self) -> None:
-        """Stop the threads; harmless when called twice."""
+        """Stop the threads. A second call does nothing."""
         with self._wake:
             self._stopped = True
             self._wake.notify_all()
@@ -113,11 +113,12 @@ class Control:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
 
-    # --- what operators ask -----------------------------------------------------------------------------------------
+    # --- requests of operators --------------------------------------------------------------------------------------
 
     def state(self, keys: StreamKeys, *, ask: bool = True) -> State:
-        """The settings in force, and those that are wanted. ask: have the vehicle say them, if it is there, rather than
-        take those that it told last
+        """The settings in force, and those that operators want.
+
+        ask: ask the vehicle, if it is connected; otherwise use the settings that it reported last
         """
         stream = self._fleet.get(keys)
         last = applied = None if stream is None else stream.settings
@@ -134,7 +135,7 @@ class Control:
         entered: called when the change is in the audit log; changes refused before that are not entered here
 
         Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
-        StoreError, BusyError. Nothing changed then.
+        StoreError, BusyError. Then nothing was changed.
         """
         if not changes:
             raise SettingsError("no setting is given: name at least one")
@@ -168,9 +169,10 @@ class Control:
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
     def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
-        """Delete the settings of operators. The vehicle keeps its settings until it starts again with its command line.
+        """Delete the settings of operators. The vehicle keeps its current settings until it restarts with its
+        command line.
 
-        entered: called when this is in the audit log; without settings of operators nothing is entered
+        entered: called when this is in the audit log; if there were no settings of operators, nothing is entered
         """
         with self._turn(keys):
             before = self._store.desired(keys)
@@ -203,7 +205,7 @@ class Control:
         self._look_soon(keys, in_s)
 
     def told(self, keys: StreamKeys) -> None:
-        """A status of a vehicle came: check whether another program changed its settings."""
+        """A status of a vehicle arrived: check whether another program changed its settings."""
         stream = self._fleet.get(keys)
         if stream is not None and stream.settings is not None and self._rivals.told(keys, stream.settings):
             self._look_soon(keys)
@@ -242,7 +244,7 @@ class Control:
             return None
 
     def _settle(self, keys: StreamKeys) -> bool:
-        """Send settings to a stream if needed; returns whether it is done."""
+        """Send settings to a stream if needed. Returns whether nothing is left to do."""
         with self._turn(keys):
             stream = self._fleet.get(keys)
             wanted = self._store.desired(keys)
@@ -267,18 +269,20 @@ class Control:
                 self._refusals[keys] = str(error)
                 self._store.note(keys, SERVER, "settings", wanted, old, result="refused", reason=str(error))
                 return True
-            if applied is None:  # no entry: a vehicle that cannot be changed would fill the audit log
+            if applied is None:  # no audit entry: a vehicle that never answers would fill the log
                 return False
             self._refusals.pop(keys, None)
             new = applied.settings.model_dump()
             outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}
             self._store.note(keys, SERVER, "settings", wanted, old, **outcome)
-            self._fleet.answered(keys, applied.settings)  # now: what can be seen stands in the audit log
+            self._fleet.answered(keys, applied.settings)  # only now: clients see only what is in the audit log
             self._rivals.sent(keys, wanted)
             return True
 
     def _leave_to_others(self, keys: StreamKeys, wanted: dict[str, Any], changed: Override | None) -> None:
-        """Report that another program changes a vehicle's settings, and send nothing: two servers would never stop."""
+        """Report that another program changes a vehicle's settings, and send nothing: otherwise two servers would
+        overwrite each other without end.
+        """
         why = "another server or program also changes the settings of this vehicle"
         if changed is not None:
             why += f": {changed.text}"
@@ -289,7 +293,7 @@ class Control:
                 logger.warning("%s: %s", keys.prefix, why)
                 self._store.note(keys, OTHERS, "settings", wanted, result="overridden", reason=why)
         finally:
-            self._refusals[keys] = why  # now: what can be seen stands in the audit log
+            self._refusals[keys] = why  # only now: clients see only what is in the audit log
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
         """Enter the result of a change in the audit log. If the store fails, the vehicle keeps the change."""
@@ -301,10 +305,10 @@ class Control:
         except LidarCodecError as error:
             logger.warning("%s: the result of entry %d is missing in the audit log: %s", keys.prefix, entry, error)
 
-    # --- what vehicles are asked ------------------------------------------------------------------------------------
+    # --- queries to vehicles ----------------------------------------------------------------------------------------
 
     def _send(self, keys: StreamKeys, wanted: dict[str, Any]) -> Applied | None:
-        """The vehicle's answer to a change, None when there is none.
+        """The vehicle's answer to a change, None if none came.
 
         Raises RefusedError.
         """
@@ -312,14 +316,15 @@ class Control:
         if answer is None:
             return None
         if "retry_s" in answer:
-            self._warnings.warning("%s accepts no more changes for now: %s", keys.prefix, _told(answer.get("error")))
+            reason = _reason_text(answer.get("error"))
+            self._warnings.warning("%s accepts no more changes for now: %s", keys.prefix, reason)
             return None
         if "error" in answer:
             field = answer.get("field")
-            raise RefusedError(_told(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
+            raise RefusedError(_reason_text(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
         settings = known_settings(answer.get("applied"))
         if settings is None:
-            logger.warning("%s: the answer to a change holds no settings", keys.prefix)
+            logger.warning("%s: the answer to a change has no settings", keys.prefix)
             return None
         return Applied(settings, first_frame(answer))
 
@@ -342,9 +347,9 @@ class Control:
 
     @contextmanager
     def _turn(self, keys: StreamKeys) -> Iterator[None]:
-        """A lock on a stream.
+        """Hold the lock of a stream.
 
-        Raises BusyError when that takes too long.
+        Raises BusyError if it is not free in time.
         """
         with self._turns_lock:
             lock, users = self._turns.get(keys, (threading.Lock(), 0))
@@ -365,6 +370,6 @@ class Control:
                     self._turns[keys] = lock, users - 1
 
 
-def _told(reason: object) -> str:
+def _reason_text(reason: object) -> str:
     """The reason that a vehicle gave, shortened for the log."""
     return reason[:MAX_REASON] if isinstance(reason, str) and reason else "the vehicle gave no reason"

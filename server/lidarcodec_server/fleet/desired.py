@@ -1,6 +1,6 @@
-"""What operators want of a stream: the settings that they set, and the codec that they were set for.
+"""The settings that operators want for a stream, with the codec that they belong to.
 
-Settings that no operator set stay those of the vehicle's command line.
+A setting that no operator set keeps the value of the vehicle's command line.
 
 >>> base = StreamSettings(codec="pcodec", key_interval=20)
 >>> want = wanted_with({}, {"max_error_m": 0.01}, base)
@@ -19,11 +19,11 @@ from lidarcodec.settings import StreamSettings
 
 
 def wanted_with(before: dict[str, Any], changes: dict[str, Any], base: StreamSettings | None) -> dict[str, Any]:
-    """What is wanted after a change, in the form in which it is kept and sent.
+    """The wanted settings after a change, in the form in which they are stored and sent.
 
-    base: the settings in force, None where nobody knows them
+    base: the settings in force, None if they are unknown
 
-    Raises SettingsError or UnknownNameError when the whole is not allowed.
+    Raises SettingsError or UnknownNameError if all of them together are not allowed.
     """
     known = base or StreamSettings()
     wanted = dict(before)
@@ -37,7 +37,7 @@ def wanted_with(before: dict[str, Any], changes: dict[str, Any], base: StreamSet
 
 
 def overlaid(wanted: dict[str, Any], base: StreamSettings | None) -> dict[str, Any] | None:
-    """All settings of a stream once it follows what is wanted; None when nothing is."""
+    """All settings of a stream once it has the wanted ones; None if nothing is wanted."""
     if not wanted:
         return None
     values = (base or StreamSettings()).model_dump()
@@ -47,6 +47,6 @@ def overlaid(wanted: dict[str, Any], base: StreamSettings | None) -> dict[str, A
 
 
 def in_step(wanted: dict[str, Any], applied: StreamSettings) -> bool:
-    """Whether the settings in force are what is wanted."""
+    """Whether the settings in force include the wanted ones."""
     values = applied.model_dump()
     return all(values.get(field) == value for field, value in wanted.items())

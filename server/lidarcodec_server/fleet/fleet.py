@@ -1,4 +1,4 @@
-"""Fleet: the known streams, which are alive, and their last status. Bounded for any input from the network.
+"""Fleet: the known streams, whether each is alive, and its last status. Memory is bounded for any network input.
 
 >>> fleet = Fleet(max_streams=2)
 >>> fleet.changed(StreamKeys("car-7", "roof"), alive=True)
@@ -25,21 +25,22 @@ from lidarcodec_server.told import known_settings, read_status
 logger = logging.getLogger(__name__)
 
 MINUTE = 60
-"""Statuses in a minute."""
+"""Number of statuses in a minute."""
 LARGEST = 1e15
-"""A figure beyond this is a mistake, or a joke."""
+"""Larger numbers in a status are not believed."""
 ANSWER_HOLDS_S = 3.0
-"""A status that left the vehicle before a change may arrive behind the answer to it: so long the answer is believed."""
+"""For so long the answer to a change wins over a status: a status sent before the change may arrive after the
+answer."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """What is known of one stream.
+    """What the server knows of one stream.
 
-    settings: those in force, None before the vehicle said;  status: its last status
-    came_s, status_s, answer_s: monotonic times at which it was taken, of the last status, and of the last answer to a
-                                change
-    kbps: what was sent, in kbit/s, as the last minute's statuses told it, one a second, oldest first
+    settings: settings in force, None before the vehicle reported any;  status: its last status
+    came_s, status_s, answer_s: monotonic times at which the stream was accepted, of its last status, and of the last
+    answer to a change
+    kbps: sent bitrate in kbit/s from the statuses of the last minute, one a second, oldest first
     """
 
     keys: StreamKeys
@@ -53,13 +54,15 @@ class Stream:
 
     @property
     def stream_id(self) -> str | None:
-        """Of the publisher's current start."""
+        """Id of the stream; it is new at each start of the publisher."""
         given = None if self.status is None else self.status.get("stream_id")
         return given if isinstance(given, str) else None
 
     @property
     def codec(self) -> str | None:
-        """In force, as the vehicle told; before it did, the one that was asked for, which may be `auto`."""
+        """The codec in force, from the last status. Before the first status: the one in the settings, which may be
+        `auto`.
+        """
         if self.settings is None:
             return None
         given = (self.status or {}).get("codec")
@@ -67,7 +70,7 @@ class Stream:
 
 
 def number_in(values: Any, name: str) -> float | None:
-    """The number of that name in something that a vehicle told; None where there is none."""
+    """The number of that name in a JSON object of a vehicle; None if it has none."""
     value = values.get(name) if isinstance(values, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
         return None
@@ -75,34 +78,34 @@ def number_in(values: Any, name: str) -> float | None:
 
 
 class Fleet:
-    """The streams, by name. Thread-safe; every `Stream` handed out is a value of its own."""
+    """The streams, by name. Thread-safe; every returned `Stream` is a copy."""
 
     def __init__(self, max_streams: int = 256, max_sensors: int = 16) -> None:
-        """max_streams: that are known at once;  max_sensors: of one vehicle"""
+        """max_streams: most streams at once;  max_sensors: most streams of one vehicle"""
         self._lock = threading.Lock()
         self._streams: dict[StreamKeys, Stream] = {}
         self._places = Places(max_streams, max_sensors)
         self.refused = self.dropped = 0
-        """Statuses that are none, and fields of others that are not known or not what they should be."""
+        """Number of invalid statuses, and number of unknown or invalid fields in the others."""
         self._warnings = SparseLog(logger)
 
     def streams(self) -> list[Stream]:
-        """All of them, by name."""
+        """All streams, sorted by name."""
         with self._lock:
             return sorted(self._streams.values(), key=lambda one: (one.keys.vehicle, one.keys.sensor))
 
     def get(self, keys: StreamKeys) -> Stream | None:
-        """One of them."""
+        """One stream; None if it is unknown."""
         with self._lock:
             return self._streams.get(keys)
 
     def left_out(self) -> tuple[int, dict[str, int]]:
-        """Times that a stream was not taken, because there were too many; and of which vehicles, for some of them."""
+        """How often a stream was refused because there were too many; and for some vehicles, how often for each."""
         with self._lock:
             return self._places.left_out, dict(self._places.by_vehicle)
 
     def waiting(self) -> dict[str, list[StreamKeys]]:
-        """The streams of each vehicle that wait for room, where any do: at most as many as it may have sensors."""
+        """The streams that wait for room, by vehicle; at most as many of each vehicle as it may have sensors."""
         found: dict[str, list[StreamKeys]] = {}
         with self._lock:
             for keys in self._places.waiting:
@@ -110,7 +113,7 @@ class Fleet:
         return found
 
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
-        """A publisher came or went. False if there is no room: then its statuses are looked at until there is."""
+        """A publisher came or went. False if there is no room; its statuses are then read until there is."""
         with self._lock:
             if not alive:
                 self._places.waiting.pop(keys, None)
@@ -125,12 +128,12 @@ class Fleet:
             return True
 
     def told(self, keys: StreamKeys, data: bytes) -> bool:
-        """A status came. True if it is the first one of another start of a publisher that was known, or of one for
-        which there was no room before.
+        """A status arrived. True if it is the first status after a restart of a known publisher, or the first of a
+        publisher for which there is room only now.
         """
         with self._lock:
             if keys not in self._streams and keys not in self._places:
-                return False  # only a token makes a stream: a status may be anybody's last word
+                return False  # only a liveliness token adds a stream: a status may come from a publisher that is gone
         try:
             status, dropped = read_status(data)
         except JsonRefusedError as error:
@@ -156,7 +159,7 @@ class Fleet:
             return waited or (stream.stream_id is not None and new.stream_id != stream.stream_id)
 
     def answered(self, keys: StreamKeys, settings: StreamSettings) -> None:
-        """A vehicle told the settings in force, asked."""
+        """A vehicle answered with its settings in force."""
         with self._lock:
             if keys in self._streams:
                 self._streams[keys] = replace(self._streams[keys], settings=settings, answer_s=time.monotonic())

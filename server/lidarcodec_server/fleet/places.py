@@ -1,7 +1,8 @@
-"""Places: which streams a fleet has room for. No vehicle takes so many that another one finds none.
+"""Places: limits the number of streams, so that no vehicle can take all places.
 
-A vehicle has so many sensors at most. Where all places are taken a stream that is gone gives way, then one that never
-told a status to one that does, then one of the vehicle that has the most. Who is left out waits, and is told of.
+Each vehicle has a limit. When all places are taken, a new stream replaces one whose publisher is gone. Otherwise a
+stream with statuses replaces one that never sent a status. Otherwise it replaces a stream of the vehicle with the most
+streams. A refused stream waits for room, and the log and the metrics report it.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 MAX_WAITING = 1024
-"""Streams left out that are taken when there is room."""
+"""Most refused streams that wait for room."""
 MUTE_S = 5.0
-"""A stream may take so long until its first status."""
+"""Longest time until the first status of a stream."""
 MAX_COUNTED = 64
-"""Vehicles whose streams that were left out are counted one by one."""
+"""Number of vehicles whose refused streams are counted by vehicle."""
 
 
 class Places:
     """Finds room, and keeps the streams that wait for it. Not thread-safe: `Fleet` holds a lock.
 
-    waiting: left out, and still there as far as is known; oldest first
-    left_out: times that a stream was not taken;  by_vehicle: of which vehicles, for the first 64 of them
+    waiting: refused streams whose publishers are still online as far as is known; oldest first
+    left_out: how often a stream was refused;  by_vehicle: the same by vehicle, for the first 64 vehicles
     """
 
     def __init__(self, max_streams: int, max_sensors: int) -> None:
@@ -45,9 +46,9 @@ class Places:
         return keys in self.waiting
 
     def take(self, keys: StreamKeys, streams: dict[StreamKeys, Stream], *, tells: bool) -> bool:
-        """Whether there is room for a stream. One that gives way is taken out, and waits if it is still there.
+        """Whether there is room for a stream. A replaced stream is removed, and waits if its publisher is still online.
 
-        tells: a status of it came
+        tells: whether it has sent a status
         """
         gives_way = self._room(keys, streams, tells=tells)
         if isinstance(gives_way, bool):
@@ -58,7 +59,7 @@ class Places:
         return True
 
     def wait(self, keys: StreamKeys) -> None:
-        """Remember a stream that found no room: some of each vehicle, and no more than there may be."""
+        """Let a refused stream wait for room, up to a limit for each vehicle and for all."""
         if keys in self.waiting:
             return
         of_it = [one for one in self.waiting if one.vehicle == keys.vehicle]
@@ -70,7 +71,7 @@ class Places:
             del self.waiting[next(one for one in self.waiting if one.vehicle == most)]
 
     def leave_out(self, keys: StreamKeys, streams: int) -> None:
-        """Count a stream that found no room, and say so."""
+        """Count a refused stream, and log it."""
         self.left_out += 1
         if keys.vehicle in self.by_vehicle or len(self.by_vehicle) < MAX_COUNTED:
             self.by_vehicle[keys.vehicle] += 1
@@ -82,7 +83,7 @@ class Places:
         self.wait(keys)
 
     def _room(self, keys: StreamKeys, streams: dict[StreamKeys, Stream], *, tells: bool) -> Stream | bool:
-        """True: there is room; False: there is none; else the stream that gives way."""
+        """True: there is room; False: there is none; otherwise the stream to replace."""
         own = [one for one in streams.values() if one.keys.vehicle == keys.vehicle]
         if len(own) >= self._max_sensors:
             return _longest_gone(own) or (tells and _mute(own)) or False
@@ -97,13 +98,13 @@ def _longest_gone(streams: list[Stream]) -> Stream | None:
 
 
 def _mute(streams: list[Stream]) -> Stream | None:
-    """The one that came last of those that had time to tell a status, and never did."""
+    """The newest of the streams that had time to send a status and never did."""
     before_s = time.monotonic() - MUTE_S
     return next((one for one in reversed(streams) if one.status is None and one.came_s < before_s), None)
 
 
 def _of_the_greedy(streams: list[Stream], own: int) -> Stream | None:
-    """One of the vehicle that has the most, if it has clearly more than the vehicle that asks."""
+    """A stream of the vehicle with the most streams, if it has clearly more than the vehicle of the new stream."""
     vehicle, most = Counter(one.keys.vehicle for one in streams).most_common(1)[0]
     if most <= own + 1:
         return None

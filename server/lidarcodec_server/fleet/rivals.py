@@ -1,7 +1,7 @@
-"""Rivals: whether somebody else changes what operators of this server set, and when to leave a vehicle to them.
+"""Rivals: detects other programs that change the settings of operators, and when to stop sending to a vehicle.
 
-Two servers with settings for one vehicle would send theirs at each of its returns, for ever. So a server that was
-overridden several times sends no more until one of its operators changes something.
+Two servers with settings for one vehicle would overwrite each other without end. So a server that was overridden
+several times sends nothing more until one of its operators changes a setting.
 """
 
 from __future__ import annotations
@@ -17,20 +17,22 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.fleet.desired import in_step
 
 TIMES, WITHIN_S = 3, 600.0
-"""Overridden so often in so long, a server sends no more."""
+"""A server that was overridden so often within so many seconds sends nothing more."""
 TELL_S = 30.0
-"""The logs hear of one stream at most so often."""
+"""Shortest time between two log lines about one stream."""
 
 
 class Override(NamedTuple):
-    """What somebody else changed;  new: the logs have not heard of this stream lately"""
+    """The changes of another program;  new: whether the log has no recent line about this stream"""
 
     text: str
     new: bool
 
 
 class Rivals:
-    """What was sent to vehicles, compared with what they tell. Thread-safe; no more streams than have settings here."""
+    """Compares the sent settings with those that vehicles report. Thread-safe; it has only streams with settings
+    here.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -40,7 +42,7 @@ class Rivals:
         self._to_tell: dict[StreamKeys, Override] = {}
 
     def sent(self, keys: StreamKeys, wanted: dict[str, Any]) -> None:
-        """A vehicle has what is wanted of it."""
+        """A vehicle has accepted the wanted settings."""
         with self._lock:
             self._sent[keys] = wanted
             self._to_tell.pop(keys, None)
@@ -52,13 +54,13 @@ class Rivals:
             self._to_tell.pop(keys, None)
 
     def forget(self, keys: StreamKeys) -> None:
-        """An operator set something here, or wants nothing any more: what others did before does not count."""
+        """An operator changed or deleted the settings here: earlier changes of others no longer count."""
         with self._lock:
             for one in (self._sent, self._overridden, self._to_tell):
                 one.pop(keys, None)
 
     def told(self, keys: StreamKeys, settings: StreamSettings) -> bool:
-        """A vehicle tells its settings. True if somebody else just changed them."""
+        """A vehicle reports its settings. True if another program has just changed them."""
         with self._lock:
             wanted = self._sent.get(keys)
             if wanted is None or in_step(wanted, settings):
@@ -75,12 +77,12 @@ class Rivals:
             return True
 
     def to_tell(self, keys: StreamKeys) -> Override | None:
-        """What somebody else changed and nobody was told of yet."""
+        """The changes of another program that were not reported yet."""
         with self._lock:
             return self._to_tell.pop(keys, None)
 
     def leave_it(self, keys: StreamKeys) -> bool:
-        """Whether others override this server so often that it had better send nothing."""
+        """Whether this server was overridden so often that it should send nothing more."""
         with self._lock:
             times = self._overridden.get(keys)
             return times is not None and len(times) == TIMES and self._clock() - times[0] < WITHIN_S

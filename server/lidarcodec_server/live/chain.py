@@ -1,7 +1,7 @@
-"""KeyChain: of a stream's messages those that one viewer can decode, the newest ones, and few of them.
+"""KeyChain: the queue of messages for one viewer: the newest ones, few, and only those that it can decode.
 
-A message that refers to another one is of use only to a viewer that got that other one. So a viewer that falls behind
-is taken off the stream until the next message that needs nothing it lacks.
+A message that refers to another message is useful only to a viewer that got the other one. So a viewer that falls
+behind gets nothing until the next message that it can decode.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lidarcodec.errors import DecodeError
 from lidarcodec.message import SectionType
 
 PENDING: Final = 4
-"""Messages that wait for a viewer because they build on one another; more, and it waits for a key message instead."""
+"""Most messages that wait for a viewer because each refers to the one before. With more it waits for a key message."""
 REMEMBERED: Final = 256
 _HASH_AT: Final = 1
 _HASH_BYTES: Final = 8
@@ -23,7 +23,7 @@ _SECTION: Final = struct.Struct("<BBI")
 
 
 class Coded(NamedTuple):
-    """A message, and what has to be known of it: see `lidarcodec.message.Message`; calibration: the sensor's hash."""
+    """A message with some of its header fields (see `lidarcodec.message.Message`). calibration: hash of the sensor"""
 
     data: bytes
     stream_id: int
@@ -37,7 +37,7 @@ class Coded(NamedTuple):
 
 
 def coded(data: bytes) -> Coded:
-    """A message that was checked before.
+    """Read the fields of a message. The receiver has checked it before.
 
     Raises DecodeError.
     """
@@ -45,7 +45,7 @@ def coded(data: bytes) -> Coded:
     at, calibration = head.header_bytes, b""
     for _ in range(head.section_count):
         if at + _SECTION.size > len(data):
-            raise DecodeError("a section that is cut", at)
+            raise DecodeError("a section is cut short", at)
         kind, _, length = _SECTION.unpack_from(data, at)
         at += _SECTION.size
         if kind == SectionType.CALIBRATION:
@@ -57,9 +57,9 @@ def coded(data: bytes) -> Coded:
 
 
 class KeyChain:
-    """What one viewer was given, and what waits for it.
+    """The messages that one viewer got, and those that wait for it.
 
-    skipped: messages that it did not get;  lost: whether it waits for a key message
+    skipped: number of messages that it did not get;  lost: whether it waits for a key message
     """
 
     def __init__(self) -> None:
@@ -71,10 +71,10 @@ class KeyChain:
         self.lost = True
 
     def offer(self, message: Coded) -> bool:
-        """Take a message that came. False: this viewer needs a key message to go on."""
+        """Add a new message. False: this viewer needs a key message to continue."""
         alone = message.key or (message.needs is None and self._has(message))
         opened = None if alone or message.needs is not None else self._waiting_key(message)
-        if alone or opened is not None:  # it needs nothing of what waits, and is newer
+        if alone or opened is not None:  # it needs none of the waiting messages, and is newer
             stay = [] if opened is None else [opened]
             self.skipped += len(self._pending) - len(stay)
             self._pending = [*stay, message]
@@ -88,7 +88,7 @@ class KeyChain:
         return False
 
     def take(self) -> Coded | None:
-        """The next message for the viewer; None when nothing waits."""
+        """The next message for the viewer; None if none waits."""
         if not self._pending:
             return None
         message = self._pending.pop(0)
@@ -106,7 +106,7 @@ class KeyChain:
         return message
 
     def _follows(self, message: Coded) -> bool:
-        """Take a message whose reference the viewer has, or is about to get; whether it could be taken."""
+        """Add a message if the viewer has its reference or will get it. Returns whether it was added."""
         waits = {index for one in self._pending for index in range(one.first, one.first + one.frames)}
         if message.needs in waits and len(self._pending) < PENDING:
             if self._has(message) or self._waiting_key(message) is not None:
@@ -119,11 +119,11 @@ class KeyChain:
         return False
 
     def _has(self, message: Coded) -> bool:
-        """Whether the viewer was given a key message of this codec with this calibration."""
+        """Whether the viewer got a key message with this codec and this calibration."""
         return (message.stream_id, message.codec) == self._of and message.calibration in self._calibrations
 
     def _waiting_key(self, message: Coded) -> Coded | None:
-        """The key message among those that wait that this one builds on."""
+        """The waiting key message to which this message refers."""
         keys = [one for one in self._pending if one.key]
         of = (message.stream_id, message.codec, message.calibration)
         fits = keys and (keys[-1].stream_id, keys[-1].codec, keys[-1].calibration) == of

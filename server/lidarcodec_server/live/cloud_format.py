@@ -1,7 +1,7 @@
-"""A decoded frame as bytes that a viewer hands to its graphics card: docs/live-sockets.md describes every one of them.
+"""A decoded frame as bytes that a viewer passes to its graphics card. docs/live-sockets.md describes the format.
 
-A header of 96 bytes, 192 with a pose, then arrays, each padded to 4 bytes. Coordinates are int16 steps of 4 mm, which
-reach 131 m; where a frame has a point further away the step of that frame is wider, so nothing is ever cut off.
+A header of 96 bytes, or 192 with a pose, then arrays, each padded to 4 bytes. Coordinates are int16 in steps of 4 mm,
+which reach 131 m. A frame with a point further away has a larger step, so no point is clipped.
 """
 
 from __future__ import annotations
@@ -26,21 +26,22 @@ MAGIC: Final = {"points": b"LDCP", "range": b"LDCR"}
 HEADER: Final = struct.Struct("<4s2H2Q2q2H3If4f2HI12x")
 FLAGS: Final = {"intensity": 1, "ring": 2, "range": 4, "original": 16, "filled": 64}
 POSED: Final = 32
-"""Flag: the header goes on with the pose."""
+"""Flag: the header contains a pose."""
 POSE: Final = struct.Struct("<12d")
 Ranges = npt.NDArray[np.uint16]
 THINNED: Final = 8
-"""Flag: max_points left points out."""
+"""Flag: points were omitted because of max_points."""
 MADE_UP: Final = 128
-"""Flag: some of the returns are made up, between columns that were sent."""
+"""Flag: some returns are interpolated between columns that were sent."""
 STEP_M: Final = 0.004
 _LARGEST: Final = 32767
 _NOT_ANGLES: Final = ("focal_distance_m", "focal_slope", "min_intensity", "max_intensity")
 
 
 class Facts(NamedTuple):
-    """What a frame does not know of itself: the stream it came in, the codec's number, frames of the stream that never
-    came here, milliseconds from its last packet to its decoding (None: unknown), and the host time of that."""
+    """Facts about a frame that are not in it: its stream, the codec's number, the number of frames of the stream
+    that were lost, milliseconds from its last packet to its decoding (None: unknown), and the host time of the
+    decoding."""
 
     stream_id: int
     codec: int
@@ -52,7 +53,7 @@ class Facts(NamedTuple):
 def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None = None) -> bytes:
     """Bytes of a frame; 2.5 to 4 ms for 120,000 points, 0.1 ms as a range image.
 
-    original: the ranges before coding, for an encoding that asks for them; without them it goes without
+    original: the ranges before coding, for an encoding with `original`; if None, that array is omitted
     """
     if encoding.fill:
         frame = filled(frame)
@@ -81,7 +82,7 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
 
 
 def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
-    """Points of another sensor than an HDL-64E. Their ranges are not sent: they can need more than 16 bits."""
+    """Points of a sensor other than an HDL-64E. Ranges are not sent, because they can need more than 16 bits."""
     encoding = _without(encoding, "range")
     cloud = cloud_to_show(frame)
     there = len(cloud)
@@ -96,7 +97,7 @@ def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
 
 
 def _bytes_of(intensity: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Intensities of 16 bits as 8, larger ones as 255."""
+    """16-bit intensities as 8 bits, clipped to 255."""
     found: npt.NDArray[np.uint8] = np.minimum(intensity, 255).astype(np.uint8)
     return found
 
@@ -106,12 +107,12 @@ def _without(encoding: Encoding, attribute: str) -> Encoding:
 
 
 def _made_up(frame: Frame) -> npt.NDArray[np.uint8]:
-    """(64, W) uint8, 1 for a return that was made up."""
+    """(64, W) uint8, 1 for an interpolated return."""
     return np.zeros(frame.range.shape, np.uint8) if frame.filled is None else frame.filled.view(np.uint8)
 
 
 def _measured(frame: Frame) -> int:
-    """How many returns were sent."""
+    """Number of returns that were sent."""
     valid = frame.valid if frame.filled is None else frame.valid & ~frame.filled
     return int(np.count_nonzero(valid))
 
@@ -163,10 +164,10 @@ def _message(
 
 
 def sensor_facts(sensor: SensorModel, frame: Frame | None = None) -> dict[str, Any]:
-    """What a viewer needs to turn a range image into points: for each ring the laser, the block that it fires in, and
-    its calibration, in radians and metres (docs/live-sockets.md has the formula).
+    """What a viewer needs to compute points from a range image: for each ring the laser, its block, and its calibration
+    in radians and metres (docs/live-sockets.md has the formula).
 
-    frame: one of the sensor, by which the geometry of other sensors than an HDL-64E is fitted
+    frame: a frame of the sensor; needed to fit the geometry of a sensor other than an HDL-64E
     """
     about = {"name": sensor.name, "model": sensor.model, "hash": sensor.hash, "origin": sensor.origin}
     if not sensor.is_hdl64e and frame is not None:

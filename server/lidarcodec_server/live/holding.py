@@ -1,7 +1,7 @@
-"""Hold: a lock on the folder of a recording. Several servers may have one folder of recordings.
+"""Hold: a lock on the folder of a recording. Several servers may share a folder of recordings.
 
-A server that records holds the folder alone, one that plays holds it together with others, and deleting needs it alone.
-The lock is the system's: it ends with the process, whatever ends that.
+Recording and deleting need an exclusive lock, and playing needs a shared one. The operating system keeps the lock, so
+it ends with the process, even after a crash.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from pathlib import Path
 from typing import Final, Self
 
 WAIT_S: Final = 0.5
-"""How long a taken lock is tried again: a server that lists recordings takes each for a moment to see if it is held."""
+"""How long to retry: a server that lists recordings locks each of them briefly to see whether it is in use."""
 _LOOK_S: Final = 0.02
 _UNKNOWN: Final = frozenset({errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP})
-"""What file systems answer whose folders cannot be locked, such as some on a network: there nothing counts as held."""
+"""Errors of file systems without locks on folders, such as some network file systems. There nothing counts as held."""
 
 
 class Hold:
-    """A lock that was taken; `close` gives it back."""
+    """A lock in use; `close` releases it."""
 
     def __init__(self, handle: int) -> None:
         self._handle: int | None = handle
 
     @classmethod
     def of(cls, folder: Path, *, alone: bool, wait_s: float = WAIT_S) -> Self | None:
-        """The lock of a folder; None if somebody else has it for longer than `wait_s`.
+        """Lock a folder; None if another process holds it for longer than `wait_s`.
 
         Raises OSError if the folder cannot be opened.
         """
@@ -44,7 +44,7 @@ class Hold:
         return None
 
     def close(self) -> None:
-        """Give the lock back; harmless when called twice."""
+        """Release the lock. A second call does nothing."""
         handle, self._handle = self._handle, None
         if handle is not None:
             os.close(handle)
@@ -67,7 +67,7 @@ class Hold:
 
 
 def held_alone(folder: Path) -> bool:
-    """Whether somebody holds a folder alone, which is whether it is being recorded into."""
+    """Whether a process has an exclusive lock on a folder, so it is recording into it."""
     try:
         hold = Hold.of(folder, alone=False, wait_s=0.0)
     except OSError:  # deleted meanwhile

@@ -26,20 +26,20 @@ from lidarcodec_server.live.watch import TICK_S, Watch
 logger = logging.getLogger(__name__)
 
 LINGER_S: Final = 2.0
-"""A receiver stays so long when the last viewer went: a page that is loaded again finds it running."""
+"""How long a receiver stays after its last viewer left, so that a reloaded page finds it running."""
 ACK_LIMIT_S: Final = 15.0
 OPEN_S: Final = 20.0
 CLOSE_S: Final = 15.0
-"""How long a stream may take to be opened, and all of them to be closed at the end."""
+"""Time limits to open a stream, and to close all of them when the server stops."""
 PICTURE_AGE_S: Final = 1.0
 MEND_S: Final = 1.0
 PICTURE_WAIT_S: Final = 2.5
 THREADS: Final = 2
-"""For making frames ready and for opening and closing receivers; pictures have one of their own."""
+"""Threads that prepare frames and open and close receivers; pictures have a thread of their own."""
 
 
 class _Place:
-    """A stream's watch, how many use it, and a lock that opens and closes it one at a time."""
+    """A stream's watch, the number of its users, and a lock for opening and closing it."""
 
     def __init__(self) -> None:
         self.lock = asyncio.Lock()
@@ -53,12 +53,12 @@ class _Place:
 class LiveHub:
     """Belongs to the event loop in which it is made.
 
-    transport: gives the open network session, which stays the caller's; raises TransportError while there is none
+    transport: gives the open network session, which the caller closes; raises TransportError while there is none
     seats: the live sockets of clients
-    linger_s: how long a receiver outlives its last viewer
-    ack_limit_s: how long a viewer may leave a frame without an acknowledgement
+    linger_s: how long a receiver stays after its last viewer left
+    ack_limit_s: longest time for a viewer to acknowledge a frame
     counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
-    `sent_bytes` of viewers that are gone, by kind;  pack_ms: time to make a frame ready, once for all viewers
+    `sent_bytes` of viewers that have left, by kind;  pack_ms: time to prepare a frame, once for all viewers
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class LiveHub:
 
     @contextlib.asynccontextmanager
     async def watching(self, keys: StreamKeys, *, decode: bool) -> AsyncIterator[Watch]:
-        """The watch of a stream, opened if there is none yet. Raises TransportError."""
+        """The watch of a stream; it is opened if needed. Raises TransportError."""
         place = self._places.setdefault(keys, _Place())
         place.users += 1
         try:
@@ -109,7 +109,8 @@ class LiveHub:
 
     @contextlib.asynccontextmanager
     async def viewing(self, keys: StreamKeys, viewer: Viewer, seat: Seat) -> AsyncIterator[Watch]:
-        """The same for a viewer, which gets what comes meanwhile. seat: its place, which it may have to give up
+        """The same for a viewer; the viewer gets the frames meanwhile. seat: its place, which it may lose to another
+        client
 
         Raises TooManyViewersError, TransportError.
         """
@@ -134,7 +135,7 @@ class LiveHub:
                 self.counts[f"{viewer.kind} {name}"] += getattr(viewer, name)
 
     def work(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
-        """Run a function in a thread, and note how long it takes."""
+        """Run a function in a thread, and measure its time."""
 
         def timed() -> bytes:
             start = time.perf_counter()
@@ -145,9 +146,9 @@ class LiveHub:
         return self._loop.run_in_executor(self._workers, timed)
 
     async def snapshot(self, keys: StreamKeys, view: View, *, fill: bool = True) -> bytes | None:
-        """The newest frame as PNG; None when no frame comes in time. Made once for each frame.
+        """The newest frame as PNG; None if no frame arrives in time. Each frame is drawn once.
 
-        fill: whether returns are made up between columns that were sent
+        fill: whether to interpolate returns between columns that were sent
 
         Raises TransportError.
         """
@@ -172,7 +173,7 @@ class LiveHub:
         return {"viewers": len(self.seats), "counts": dict(self.counts), "streams": streams}
 
     async def close(self) -> None:
-        """End everything, within the limits of the receivers."""
+        """End everything, within the time limits of the receivers."""
         self._closed = True  # from now on `watching` raises TransportError
         closing = [self._loop.create_task(self._close(keys, place)) for keys, place in list(self._places.items())]
         if closing:
@@ -186,7 +187,7 @@ class LiveHub:
         watch = Watch(keys, self._transport(), self._loop)
         try:
             await self._loop.run_in_executor(self._openers, watch.receiver.start)
-        except BaseException:  # nothing waits for it any more
+        except BaseException:  # no caller waits for it any more
             self._loop.run_in_executor(self._openers, watch.receiver.close)
             raise
         logger.info("%s is watched", keys.prefix)
@@ -194,7 +195,7 @@ class LiveHub:
         return watch
 
     async def _close_later(self, keys: StreamKeys, place: _Place) -> None:
-        """Rests, or ends, when there was no viewer for a while."""
+        """Stop decoding, or close the stream, when it had no viewer for a while."""
         while (pause_s := place.left_at + self.linger_s - self._loop.time()) > 0:
             await asyncio.sleep(pause_s)
         if place.watch is not None:
@@ -222,7 +223,7 @@ class LiveHub:
                 await self._mend(watch)
 
     async def _mend(self, watch: Watch) -> None:
-        """Another receiver instead of one that failed; the viewers stay."""
+        """Replace a receiver that failed; the viewers stay."""
         self.counts["receivers failed"] += 1
         logger.warning("%s: receiving starts again: %s", watch.keys.prefix, watch.receiver.failure)
         await self._loop.run_in_executor(self._openers, watch.receiver.close)
@@ -230,7 +231,7 @@ class LiveHub:
         try:
             watch.renew(self._transport())
             await self._loop.run_in_executor(self._openers, watch.receiver.start)
-        except Exception as error:  # whatever it is, the next look tries again
+        except Exception as error:  # for any error: the next check tries again
             logger.debug("%s: receiving still fails: %s", watch.keys.prefix, error)
 
     def _paint(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:

@@ -1,7 +1,7 @@
-"""What a client sends on a WebSocket, cut into frames and counted before anything parses it.
+"""Splits the bytes that a client sends on a WebSocket into frames, and counts them before they are parsed.
 
-A frame of six bytes takes a parser in Python as long as a hundred bytes of anything else, so a connection without a
-limit on frames can keep a processor busy. Fragments, pings and pongs are frames as messages are.
+A parser in Python needs as long for a frame of six bytes as for a hundred bytes of payload. So without a limit on
+frames a connection could keep a processor busy. Fragments, pings and pongs are frames, too.
 
 >>> frames = Frames()
 >>> frames.feed(bytes([0x81, 0x83]) + b"mask" + b"ack" + bytes([0x89, 0x80]) + b"ma")
@@ -17,17 +17,17 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 BYTES_A_FRAME: Final = 512
-"""A frame counts once, and once more for each so many bytes of its payload."""
+"""A frame counts once, and once more for every so many bytes of its payload."""
 _LENGTHS: Final = {126: 2, 127: 8}
-"""RFC 6455, 5.2: the length in the second byte that says how many bytes hold the length itself."""
+"""RFC 6455, 5.2: values of the length in the second byte, and the size in bytes of the length that then follows."""
 _MASK: Final = 4
 
 
 class Piece(NamedTuple):
     """Bytes of one frame.
 
-    cost: frames that these bytes count as, 0 for more of a payload that has begun
-    part: whether a part of a message begins here that neither begins nor ends it
+    cost: number of frames for which these bytes count; 0 for the rest of a payload
+    part: whether they begin a middle fragment of a message
     """
 
     data: bytes
@@ -36,22 +36,22 @@ class Piece(NamedTuple):
 
 
 class Frames:
-    """Cuts what comes into frames; what it does not understand is left to the parser behind it."""
+    """Splits received bytes into frames. It leaves invalid bytes to the parser after it."""
 
     def __init__(self) -> None:
         self._kept = bytearray()
         self._payload_left = 0
 
     def feed(self, data: bytes) -> None:
-        """Keep bytes that came."""
+        """Add received bytes."""
         self._kept += data
 
     def clear(self) -> None:
-        """Throw away what is kept."""
+        """Discard all bytes."""
         self._kept.clear()
 
     def take(self) -> Piece | None:
-        """The next frame, or as much of it as came; None while there is nothing to go on with."""
+        """The next frame, or the part of it that has arrived; None if more bytes are needed first."""
         if self._payload_left:
             return self._cut(self._payload_left) if self._kept else None
         head = self._head()
@@ -69,7 +69,7 @@ class Frames:
         return Piece(data)
 
     def _head(self) -> tuple[int, int] | None:
-        """Bytes of the head and of the payload; None while the head is not whole."""
+        """Sizes of head and payload in bytes; None while the head is incomplete."""
         if len(self._kept) < 2:
             return None
         short = self._kept[1] & 0x7F

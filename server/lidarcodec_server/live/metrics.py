@@ -1,4 +1,4 @@
-"""What Prometheus is told of viewers and recordings. No more labels than there are streams that are watched."""
+"""Prometheus metrics of viewers and recordings. The number of labels is bounded by the number of viewed streams."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ REASONS = ("slow", "abuse", "revoked", "gave way", "failed")
 
 
 class LiveMetrics(Collector):
-    """Asked anew each time, in any thread."""
+    """Collects current values at each request, in any thread."""
 
     def __init__(self, hub: LiveHub, recordings: Recordings) -> None:
         self._hub, self._recordings = hub, recordings
 
     def describe(self) -> list[Metric]:
-        """Nothing that is known beforehand."""
+        """No metric: their names are not checked beforehand."""
         return []
 
     def collect(self) -> Iterator[Metric]:
-        """The metrics as they stand."""
+        """The current metrics."""
         viewers = GaugeMetricFamily("lidarcodec_viewers", "Live sockets.", labels=["vehicle", "sensor", "kind"])
         totals = dict(self._hub.counts)
         for keys, watch in self._hub.watches().items():

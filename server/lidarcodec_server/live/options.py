@@ -1,4 +1,4 @@
-"""What a viewer asks for in the query of its socket.
+"""The options in the query of a viewer's socket.
 
 >>> CloudOptions.of({"attributes": "ring", "max_points": "50000"}).encoding
 Encoding(form='points', attributes=('ring',), max_points=50000, fill=False)
@@ -13,14 +13,14 @@ from typing import Any, Final, Literal, NamedTuple, get_args
 from lidarcodec.errors import SettingsError
 
 View = Literal["range", "cloud"]
-"""Pictures that there are of a frame."""
+"""Kinds of pictures of a frame."""
 Form = Literal["points", "range"]
 ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {
     "points": ("intensity", "ring", "range", "filled"),
     "range": ("intensity", "original", "filled"),
 }
-"""Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent.
-`filled` goes with frames in which something is made up, `original` with those that have one."""
+"""Optional arrays besides the coordinates or the range image, in the order in which they are sent. `filled` is sent
+only with frames that have interpolated returns, and `original` only with frames that have one."""
 DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring,filled", "range": "intensity,filled"}
 MAX_POINTS: Final = 2**22
 MAX_RATE: Final = 1000.0
@@ -28,9 +28,9 @@ MAX_WINDOW: Final = 8
 
 
 class Encoding(NamedTuple):
-    """What the bytes of a frame depend on: viewers with the same encoding share them.
+    """The options that determine the bytes of a frame: viewers with the same encoding share them.
 
-    fill: whether a thinned frame gets returns that are made up between those that were sent
+    fill: whether to interpolate returns in a thinned frame, between those that were sent
     """
 
     form: Form
@@ -41,24 +41,24 @@ class Encoding(NamedTuple):
 
 @dataclass(frozen=True)
 class FramesOptions:
-    """window: messages that may be under way to the viewer before it has acknowledged the first of them."""
+    """window: most messages that are sent before the viewer has acknowledged the first of them"""
 
     window: int = 1
 
     @classmethod
     def of(cls, query: Mapping[str, str]) -> FramesOptions:
-        """From a query. Raises SettingsError with the field."""
+        """Read a query. Raises SettingsError with the field."""
         _only(query, "window")
         return cls(_whole(query, "window", MAX_WINDOW) or 1)
 
     def shown(self) -> dict[str, Any]:
-        """For the hello."""
+        """The options as fields of the event `hello`."""
         return {"window": self.window}
 
 
 @dataclass(frozen=True)
 class CloudOptions:
-    """encoding: form, attributes, number of points;  rate: frames a second at most, None for all;  window: as above."""
+    """encoding: form, attributes, number of points;  rate: most frames a second, None for all;  window: as above"""
 
     encoding: Encoding
     rate: float | None = None
@@ -66,7 +66,9 @@ class CloudOptions:
 
     @classmethod
     def of(cls, query: Mapping[str, str], fill: bool = True) -> CloudOptions:
-        """From a query; fill: whether returns are made up for a viewer that asked to have them marked, and did not say.
+        """Read a query.
+
+        fill: the default of `fill` for a viewer that asks for the array `filled`
 
         Raises SettingsError with the field.
         """
@@ -92,7 +94,7 @@ class CloudOptions:
         return cls(encoding, _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
 
     def shown(self) -> dict[str, Any]:
-        """For the hello."""
+        """The options as fields of the event `hello`."""
         encoding = self.encoding._asdict() | {"attributes": list(self.encoding.attributes)}
         return encoding | {"rate": self.rate, "window": self.window}
 

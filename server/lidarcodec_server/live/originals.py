@@ -1,4 +1,4 @@
-"""Frames of one stream as they were before coding, kept for a moment until the decoded ones come (docs/live.md)."""
+"""Frames of a stream before coding, kept briefly until their decoded frames arrive (docs/live.md)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from lidarcodec_server.live.cloud_format import Ranges
 logger = logging.getLogger(__name__)
 
 KEPT: Final = 16
-"""Frames that are kept; a decoded one comes within one or two, one of a group codec within ten."""
+"""Number of frames that are kept. A decoded frame is one or two frames late, with a group codec up to ten."""
 WAIT_S: Final = 1.0
-"""How long a decoded frame waits for its original, where originals come at all; usually it is there before."""
+"""How long a decoded frame waits for its original, if the stream has originals. Usually the original is earlier."""
 COMING_S: Final = 5.0
 
 
 class Originals:
-    """Receives while it lives. Everything but the thread belongs to the event loop."""
+    """Receives originals until `close`. All but the thread's part belongs to the event loop."""
 
     def __init__(self, keys: StreamKeys, transport: Transport, loop: asyncio.AbstractEventLoop) -> None:
         self._keys, self._loop = keys, loop
@@ -44,13 +44,13 @@ class Originals:
         threading.Thread(target=self._run, name="lidarcodec compare", daemon=True).start()
 
     async def of(self, stream_id: int, index: int) -> Ranges | None:
-        """The ranges of a frame before coding; waits a little for them, where they come at all."""
+        """The ranges of a frame before coding. Waits briefly for them, if the stream has originals."""
         end = self._loop.time() + WAIT_S
         while (found := self._frames.get((stream_id, index))) is None:
             left = end - self._loop.time()
             if left <= 0 or self._closed or time.monotonic() - self._heard > COMING_S:
                 return None
-            if self._newest[0] == stream_id and self._newest[1] > index:  # they come in order: it never will
+            if self._newest[0] == stream_id and self._newest[1] > index:  # they arrive in order, so this one never will
                 return None
             self._changed.clear()
             with contextlib.suppress(TimeoutError):
@@ -58,7 +58,7 @@ class Originals:
         return found
 
     def close(self) -> None:
-        """Receive no more."""
+        """Stop receiving."""
         self._closed = True
         self._changed.set()
         if self._inbox is not None:

@@ -1,4 +1,4 @@
-"""What the live side of the server is made of, for as long as the app lives."""
+"""The live part of the server, for the lifetime of the app."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ async def live(app: FastAPI) -> AsyncIterator[None]:
 
 
 def _opener(config: ServerConfig, service: Service) -> Callable[[], Transport]:
-    """Opens a session beside the service's, because a session does not receive what it sent itself."""
+    """Opens a second session, because a session does not receive its own messages."""
 
     def open_one() -> Transport:
         given = service.transport
@@ -56,7 +56,7 @@ def _opener(config: ServerConfig, service: Service) -> Callable[[], Transport]:
 
 
 def beside(endpoints: Endpoints) -> Endpoints:
-    """Endpoints of a second session in the same process: where the first one listens, this one connects."""
+    """Endpoints of a second session in the same process: it connects where the first one listens."""
     own = tuple(one.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for one in endpoints.listen)
     if not own:
         return endpoints

@@ -1,4 +1,4 @@
-"""Playback: a recording as a stream of its own, sent as if the vehicle were there, in the server's process."""
+"""Playback: publishes a recording as a stream of its own, in the server's process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lidarcodec_server.live.played_source import PlayedSource
 
 @dataclass(frozen=True)
 class PlayRequest:
-    """The stream that a recording becomes. rate: frames of 348 packets a second;  loop: begin again at the end"""
+    """The stream of a playback. rate: frames of 348 packets a second;  loop: start again at the end"""
 
     vehicle: str
     sensor: str = "lidar"
@@ -30,7 +30,7 @@ class PlayRequest:
 class Playback:
     """One playback.
 
-    ended: set to end it;  task: waits for its end
+    ended: set to end it;  task: finishes when it has ended
     """
 
     def __init__(self, request: PlayRequest) -> None:
@@ -43,7 +43,7 @@ class Playback:
         self._source: PlayedSource | None = None
 
     def start(self, file: Path, transport: Transport) -> None:
-        """Begin to send; takes the transport over. Blocks while the beginning is read.
+        """Begin to send. The playback owns the transport from here on. Blocks while the first packets are read.
 
         Raises SourceError, PacketError, SettingsError, UnknownNameError or TransportError.
         """
@@ -65,20 +65,20 @@ class Playback:
         return self._publisher is not None and self._publisher.wait(0.0)
 
     def stop(self) -> None:
-        """End it, within the limits of the publisher."""
+        """End it, within the time limits of the publisher."""
         if self._publisher is not None:
             self._publisher.stop()
         if self._transport is not None:
             self._transport.close()
 
     def steer(self, *, position_s: float | None, paused: bool | None, rate: float | None, loop: bool | None) -> None:
-        """Hold it, have it go on elsewhere, or otherwise. None: as it is. Before it has begun nothing happens."""
+        """Pause it, move it, or change its speed or loop. None leaves a value as it is. No effect before `start`."""
         if self._source is not None:
             speed = None if rate is None else rate / NOMINAL_HZ
             self._source.steer(position_s=position_s, paused=paused, speed=speed, loop=loop)
 
     def state(self) -> dict[str, Any]:
-        """Which stream it is, and how far it came."""
+        """Its stream and its position."""
         status = None if self._publisher is None else self._publisher.status()
         source = self._source
         return {

@@ -1,6 +1,6 @@
-"""PlayedSource: the packets of a recording when they are due, from where somebody wants it to go on, or held.
+"""PlayedSource: gives the packets of a recording when they are due. It can be paused and moved.
 
-What is wanted takes effect between two frames of 348 packets, so that no picture is made of two places.
+A change takes effect between two frames of 348 packets, so that no frame mixes two positions.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.units import FRAME_PACKETS
 
 LONGEST_WAIT_S: Final = 0.25
-"""A wait for the next packet is looked at again so often, because the speed may change meanwhile."""
+"""Interval of checks during a wait for the next packet, because the speed may change meanwhile."""
 
 
 class PlayedSource(PacketSource):
-    """Packets of a recording at its own pace times `speed`, with stamps of now. Steered from any thread.
+    """Packets of a recording at its own pace times `speed`, with current stamps. Controlled from any thread.
 
-    first_ns, last_ns: where the recording begins and ends, by its own stamps
+    first_ns, last_ns: first and last stamp of the recording
     """
 
     def __init__(self, recording: RecordingSource, *, speed: float = 1.0, loop: bool = False) -> None:
@@ -35,7 +35,7 @@ class PlayedSource(PacketSource):
         self._speed, self._loop, self._paused = speed, loop, False
         self._at_ns = self.first_ns
         self._wanted_ns: int | None = None
-        self._shown = 0  # frames that are given although it is held: the one that was looked for
+        self._shown = 0  # frames to give while paused: the frame at the new position
 
     @property
     def duration_s(self) -> float:
@@ -44,23 +44,23 @@ class PlayedSource(PacketSource):
 
     @property
     def position_s(self) -> float:
-        """How far it came, by the recording's own time."""
+        """Current position, in seconds of the recording."""
         at_ns = self._at_ns if self._wanted_ns is None else self._wanted_ns
         return min(max((at_ns - self.first_ns) / 1e9, 0.0), self.duration_s)
 
     @property
     def paused(self) -> bool:
-        """Whether it is held."""
+        """Whether it is paused."""
         return self._paused
 
     @property
     def speed(self) -> float:
-        """How many times faster than it was."""
+        """Speed, as a multiple of the recorded one."""
         return self._speed
 
     @property
     def loop(self) -> bool:
-        """Whether it begins again at the end."""
+        """Whether it starts again at the end."""
         return self._loop
 
     def steer(
@@ -71,7 +71,7 @@ class PlayedSource(PacketSource):
         speed: float | None = None,
         loop: bool | None = None,
     ) -> None:
-        """Change what is given, from the next frame on. position_s: from the beginning, where to go on."""
+        """Change the playback from the next frame on. position_s: new position, in seconds of the recording"""
         with self._changed:
             if position_s is not None:
                 self._wanted_ns = self.first_ns + round(min(max(position_s, 0.0), self.duration_s) * 1e9)
@@ -96,7 +96,8 @@ class PlayedSource(PacketSource):
                         break
                 if last_ns is not None:
                     due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self._speed
-                if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may be out of order
+                # Stamps of position packets may be out of order.
+                if not packet.position or last_ns is None or packet.stamp_ns > last_ns:
                     last_ns = self._at_ns = packet.stamp_ns
                 if not self._wait(due_s):
                     return
@@ -116,7 +117,7 @@ class PlayedSource(PacketSource):
         self._recording.close()
 
     def _held(self) -> bool:
-        """Wait while it is held and nothing else is wanted. True if there was a wait."""
+        """Wait while it is paused and has no new position. True if there was a wait."""
         with self._changed:
             if self._shown and self._wanted_ns is None:
                 self._shown -= 1
@@ -128,7 +129,7 @@ class PlayedSource(PacketSource):
             return waited
 
     def _wait(self, due_s: float) -> bool:
-        """Wait until then; False if it is closed meanwhile."""
+        """Wait until `due_s`; False if it is closed meanwhile."""
         while (left_s := due_s - time.monotonic()) > NAP_S and not self.closed:
             with self._changed:
                 if not self.closed:

@@ -1,8 +1,8 @@
-"""The WebSocket protocol of the server: no client keeps it busy, or keeps a connection for ever.
+"""The WebSocket protocol of the server: it limits the work that a client can cause, and the life of its connection.
 
-Nothing is read from a client before the application has accepted its socket. After that its frames of every kind are
-counted before they are parsed, a few in each turn of the event loop. A client that sends too many is read from more
-slowly; if it goes on, it is sent away.
+Nothing is read from a client before the application has accepted its socket. After that all its frames are counted
+before they are parsed, a few in each turn of the event loop. If a client sends too many, the server reads from it more
+slowly; if it continues, the server disconnects it.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from lidarcodec_server.limits import Meter
 from lidarcodec_server.live.incoming import Frames
 
 ABORT_S: Final = 5.0
-"""What a client has not read so long after its socket ended is thrown away; a reader needs milliseconds."""
+"""After the end of a socket its client has so long to read the rest; then it is discarded."""
 FRAME_RATE: Final = 200
 FRAME_BURST: Final = 100
-"""Frames a second that a client may send, and how many of them at once; a viewer sends one for each frame it got."""
+"""Frames that a client may send in a second, and at once. A viewer sends one for each frame that it got."""
 PATIENCE_S: Final = 2.0
-"""How long a client may go on sending more than that; meanwhile it is read from at that rate."""
+"""How long a client may exceed that rate; meanwhile the server reads from it at that rate."""
 FRAMES_A_TURN: Final = 16
-"""Frames of one client that are parsed before others have their turn: 0.3 ms."""
+"""Frames of one client that are parsed before other clients have their turn."""
 PARTS: Final = 64
-"""Parts that a message may have."""
+"""Most fragments of a message."""
 DRAIN_S: Final = 1.0
 DRAIN_BYTES: Final = 2**20
-"""How long, and how much, is still read and thrown away of a client that is sent away. Closed at once, the connection
-would be reset, and the client would not see why."""
+"""How long, and how many bytes, the server still reads and discards from a disconnected client. If it closed at once,
+the connection would be reset, and the client would not see the reason."""
 POLICY: Final = 1008
 _REASON: Final = b"this request opens no WebSocket: it has a body, or a line of more than 8 KiB"
 _BODY: Final = b'{"type": "about:blank", "title": "Bad Request", "status": 400, "detail": "%s"}' % _REASON
@@ -38,13 +38,13 @@ MALFORMED: Final = (
     b"HTTP/1.1 400 Bad Request\r\nContent-Type: application/problem+json\r\nConnection: close\r\n"
     b"Content-Length: %d\r\n\r\n%s" % (len(_BODY), _BODY)
 )
-"""The answer to what HTTP takes for a request and the WebSocket parser does not."""
+"""The answer to a request that the HTTP parser accepts and the WebSocket parser refuses."""
 
 
 class ViewerProtocol(WebSocketsSansIOProtocol):
-    """Counts what clients send, and ends a connection for good soon after the application has left it.
+    """Counts the frames of a client, and closes a connection soon after the application has ended.
 
-    Otherwise what was sent last waits in memory for as long as the client keeps its end open and does not read.
+    Otherwise unsent data would stay in memory as long as the client keeps its end open and does not read.
     held: all connections of the server
     """
 
@@ -52,7 +52,7 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__(*values, **named)
-        self.read_paused = True  # so that the parent leaves reading to this class
+        self.read_paused = True  # so that the parent class leaves reading to this class
         self._incoming = Frames()
         self._meter = Meter(FRAME_RATE, FRAME_BURST, self.loop.time())
         self._later: asyncio.Handle | None = None
@@ -66,12 +66,12 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         return type(cls.__name__, (cls,), {"held": held})
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Read nothing until the application has accepted: before that a client has nothing to say."""
+        """Read nothing until the application has accepted the socket."""
         super().connection_made(transport)
         self.transport.pause_reading()
 
     def data_received(self, data: bytes) -> None:
-        """Take the request, which the HTTP protocol hands over; later what the client sends."""
+        """Receive the request from the HTTP protocol; later the client's data."""
         if not self.handshake_initiated:
             super().data_received(data)
             if not self.handshake_initiated:
@@ -91,22 +91,22 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         return message
 
     async def send(self, message: Any) -> None:
-        """Send what the application says; from its `accept` on the client is read from."""
+        """Send the application's message. Begin to read from the client after `accept`."""
         await super().send(message)
         self._go_on()
 
     def resume_writing(self) -> None:
-        """The client reads, so it may also be answered."""
+        """The client reads, so it can also be answered."""
         super().resume_writing()
         self._go_on()
 
     def keepalive_timeout(self) -> None:
-        """The client has not answered a ping, so it may not read either: it gets no time for that."""
+        """The client did not answer a ping, so it probably does not read: close at once."""
         super().keepalive_timeout()
         self.loop.call_later(ABORT_S, self.transport.abort)
 
     async def run_asgi(self) -> None:
-        """Run the application, then give the client a while to read what is left."""
+        """Run the application, then give the client time to read the rest."""
         try:
             await super().run_asgi()
         finally:
@@ -120,7 +120,7 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         super().connection_lost(exc)
 
     def _refuse_request(self) -> None:
-        """Answer and close. Nothing is read from such a client, so nobody would notice that it has gone."""
+        """Answer and close. The server does not read from such a client, so it would not notice its end."""
         self.handshake_initiated = self._sent_away = self.close_sent = True
         self.transport.write(MALFORMED)
         self.transport.close()
@@ -129,12 +129,12 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
     # --- frames -----------------------------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Parse as much as is allowed now. The client is read from only while nothing of it is left."""
+        """Parse as much as is allowed now. Read more from the client only when nothing is left to parse."""
         if self._sent_away or not self.handshake_complete or self.transport.is_closing():
             return
         self._wait_no_more()
         for _ in range(FRAMES_A_TURN):
-            if not self._taken() or not self.writable.is_set():  # a pong is an answer that has to be read
+            if not self._taken() or not self.writable.is_set():  # a pong is an answer that the client must read
                 self.transport.pause_reading()
                 return
             wait_s = self._meter.wait_s(self.loop.time())
@@ -150,7 +150,7 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
             if piece.cost:
                 self._parts = self._parts + 1 if piece.part else 0
             if self._parts > PARTS:
-                self._send_away(f"a message has at most {PARTS} parts")
+                self._send_away(f"a message has at most {PARTS} fragments")
                 return
             super().data_received(piece.data)
             if self.transport.is_closing():
@@ -159,7 +159,7 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         self._later = self.loop.call_soon(self._go_on)
 
     def _taken(self) -> bool:
-        """Whether the application has taken all messages; those behind its `close` are for nobody."""
+        """Whether the application has received all messages. Messages after its `close` do not count."""
         return self.close_sent or self.queue.empty()
 
     def _slow_down(self, wait_s: float) -> None:
@@ -173,7 +173,7 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
             self._later = self.loop.call_later(max(wait_s, FRAMES_A_TURN / FRAME_RATE), self._go_on)
 
     def _send_away(self, reason: str) -> None:
-        """Close with a reason, say so once, and throw away what still comes."""
+        """Close with a reason, log it once, and discard further data."""
         self._sent_away = True
         self._incoming.clear()
         self.held.end("flood", self.client[0] if self.client else "local", reason)

@@ -1,7 +1,7 @@
-"""Recordings: starts, keeps within limits, stops, lists and plays them. Belongs to the event loop.
+"""Recordings: starts, limits, stops, lists and plays recordings. Belongs to the event loop.
 
-A recording keeps the messages as they come from the vehicle; nothing is decoded for it. The disk is written in a thread
-of the recorder, so a slow or full one costs that recording and nothing else.
+A recording has the messages as the vehicle sent them; nothing is decoded for it. The recorder writes to the disk in a
+thread of its own, so a slow or full disk affects only that recording.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from lidarcodec_server.live.shelf import BusyRecordingError, MissingRecordingErr
 logger = logging.getLogger(__name__)
 
 LOOK_S: Final = 0.5
-"""How often limits are looked at: at 10 Hz and 25 Mbit/s a recording may be 2 MB over its limit."""
+"""Interval of checks of the limits. At 10 Hz and 25 Mbit/s a recording can exceed its limit by 2 MB."""
 END_S: Final = 30.0
-"""How long the end of a recording or a playback is waited for: a disk may stand still."""
+"""Longest wait for the end of a recording or a playback, because a disk may not respond."""
 MAX_PLAYING: Final = 4
 MAX_RECORDING: Final = 64
 _FOREVER_BYTES: Final = 2**62
@@ -46,9 +46,9 @@ class Limits:
 
 
 async def _in_time(task: asyncio.Task[T], what: str) -> T:
-    """What a task gives, which goes on if that takes too long.
+    """Wait for the result of a task.
 
-    Raises StorageError then.
+    Raises StorageError if it takes too long; the task continues.
     """
     try:
         return await asyncio.wait_for(asyncio.shield(task), END_S)
@@ -57,7 +57,7 @@ async def _in_time(task: asyncio.Task[T], what: str) -> T:
 
 
 class _Active:
-    """A recording that runs. `take` is called in the receiver's thread."""
+    """A running recording. `take` is called in the receiver's thread."""
 
     def __init__(self, recording: Recording, recorder: BackgroundRecorder, limits: Limits) -> None:
         self.recording, self.recorder, self.limits = recording, recorder, limits
@@ -70,12 +70,12 @@ class _Active:
         self.recorder.message(data)
 
     def now(self) -> Recording:
-        """As it stands, with what the disk has taken."""
+        """The recording with its present size and counts."""
         counts = self.recorder.state()["counts"]
         return replace(self.recording, frames=int(counts.get("frames", 0)), size_bytes=int(counts.get("bytes", 0)))
 
     def over(self) -> str | None:
-        """Why it has to end, if it has to."""
+        """Why it must end; None if it need not."""
         if (lacking := self._lost()) is not None:
             return lacking
         state = self.recorder.state()
@@ -86,7 +86,9 @@ class _Active:
         return None
 
     def lacking(self) -> str | None:
-        """Why messages are missing in it, if any are: the disk refused them or was too slow, or its file was lost."""
+        """Why messages are missing in it; None if none are. The disk refused them or was too slow, or its file was
+        lost.
+        """
         if (lost := self._lost()) is not None:
             return lost
         if dropped := int(self.recorder.state()["counts"].get("dropped", 0)):
@@ -94,20 +96,20 @@ class _Active:
         return None
 
     def _lost(self) -> str | None:
-        """Why it cannot go on, if it cannot."""
+        """Why it cannot continue; None if it can."""
         state = self.recorder.state()
         if state["stopped"] is not None:
             return str(state["stopped"])
         if state["counts"].get("lost files"):
-            return "its file was removed, replaced or written over while it was written"
+            return "its file was removed, replaced or overwritten during the recording"
         return None
 
 
 class Recordings:
     """All recordings of a server.
 
-    limits: of a recording that names none, and the most that one may ask for
-    open_transport: gives a transport of its own to a playback, since none receives what it sent itself
+    limits: default limits of a recording, and the largest allowed ones
+    open_transport: opens a transport for a playback, because a transport does not receive its own messages
     """
 
     def __init__(
@@ -124,7 +126,7 @@ class Recordings:
     async def start(self, keys: StreamKeys, by: str | None = None, limits: Limits | None = None) -> Recording:
         """Record a stream.
 
-        Raises BusyRecordingError if it is recorded already, StorageError.
+        Raises BusyRecordingError if it is already being recorded, StorageError.
         """
         if keys in self._active:
             raise BusyRecordingError(
@@ -135,12 +137,12 @@ class Recordings:
         wanted = limits or self.limits
         kept = Limits(min(wanted.max_seconds, self.limits.max_seconds), min(wanted.max_bytes, self.limits.max_bytes))
         recording = await self._in_thread(lambda: self.shelf.create(keys, time.time_ns(), by))
-        if keys in self._active:  # somebody else was quicker
+        if keys in self._active:  # another request was quicker
             await self._in_thread(lambda: self.shelf.remove(recording.id))
             raise BusyRecordingError(
                 f"{keys.vehicle}/{keys.sensor} is already being recorded: stop that recording first"
             )
-        # One file each: the limit ends the recording before the recorder would begin another file.
+        # One file for each recording: the limit ends it before the recorder would begin a second file.
         sizes = {"max_file_bytes": _FOREVER_BYTES, "max_total_bytes": 2 * _FOREVER_BYTES}
         active = _Active(recording, BackgroundRecorder(self.shelf.path(recording.id), keys, None, **sizes), kept)
         self._active[keys] = active
@@ -150,7 +152,7 @@ class Recordings:
         return active.now()
 
     async def stop(self, keys: StreamKeys) -> Recording:
-        """End the recording of a stream. Raises MissingRecordingError, StorageError when that takes too long."""
+        """End the recording of a stream. Raises MissingRecordingError, StorageError if that takes too long."""
         active = self._active.get(keys)
         if active is None or active.task is None:
             raise MissingRecordingError(f"{keys.vehicle}/{keys.sensor} is not being recorded")
@@ -159,22 +161,23 @@ class Recordings:
 
     @property
     def running(self) -> int:
-        """How many recordings run."""
+        """Number of running recordings."""
         return len(self._active)
 
     @property
     def played(self) -> int:
-        """How many recordings are played."""
+        """Number of playbacks."""
         return len(self._playing)
 
     def of(self, keys: StreamKeys) -> Recording | None:
-        """The recording of a stream that runs now."""
+        """The running recording of a stream; None if there is none."""
         active = self._active.get(keys)
         return None if active is None else active.now()
 
     def names(self) -> tuple[dict[StreamKeys, str], dict[StreamKeys, str]]:
-        """Ids of the recordings that run, by the stream that is recorded, and of those that are played, by the stream
-        that they are. From any thread.
+        """Ids of the running recordings, by recorded stream, and of the played recordings, by the stream of the
+        playback.
+        From any thread.
         """
         recorded = {keys: active.recording.id for keys, active in self._active.copy().items()}
         requests = {name: playback.request for name, playback in self._playing.copy().items()}
@@ -202,13 +205,13 @@ class Recordings:
         known = self._unwritten.get(name)
         try:
             await self._in_thread(lambda: self.shelf.remove(name))
-        except MissingRecordingError:  # its folder is gone already
+        except MissingRecordingError:  # its folder was already deleted
             if known is None:
                 raise
         self._unwritten.pop(name, None)
 
     async def play(self, name: str, request: PlayRequest) -> dict[str, Any]:
-        """Play a recording as a stream of its own; what it is called.
+        """Play a recording as a stream of its own. Returns the state of the playback.
 
         Raises MissingRecordingError, BusyRecordingError, StorageError, SettingsError, UnknownNameError, SourceError,
         TransportError.
@@ -221,7 +224,7 @@ class Recordings:
         if len(self._playing) >= MAX_PLAYING:
             raise BusyRecordingError(f"{MAX_PLAYING} recordings are being played, which is the limit: stop one first")
         wanted = StreamKeys(request.vehicle, request.sensor)
-        if wanted in self.names()[1]:  # also one that is about to begin
+        if wanted in self.names()[1]:  # including playbacks that are about to begin
             raise BusyRecordingError(
                 f"a recording is already played as {wanted.vehicle}/{wanted.sensor}: choose another name"
             )
@@ -242,14 +245,14 @@ class Recordings:
         return playback.state()
 
     def _begin(self, name: str, file: Path, playback: Playback) -> None:
-        """Begin to play a file. Errors name the recording, not where it lies."""
+        """Begin to play a file. Errors name the recording, not its path."""
         try:
             playback.start(file, self._open_transport())
         except SourceError as error:
             raise SourceError(str(error).replace(str(file), f"recording {name}")) from None
 
     async def stop_playing(self, name: str) -> None:
-        """End a playback. Raises MissingRecordingError, StorageError when that takes too long."""
+        """End a playback. Raises MissingRecordingError, StorageError if that takes too long."""
         playback = self._playing.get(name)
         if playback is None or playback.task is None:
             raise MissingRecordingError(f"recording {name[:64]} is not being played")
@@ -257,7 +260,7 @@ class Recordings:
         await _in_time(playback.task, f"the playback of {name[:64]}")
 
     def steer(self, name: str, **wanted: Any) -> dict[str, Any]:
-        """Hold a playback, or have it go on elsewhere; what it does now. wanted: as `Playback.steer` takes it.
+        """Pause, move or change a playback. Returns its state. wanted: arguments of `Playback.steer`
 
         Raises MissingRecordingError.
         """
@@ -268,7 +271,7 @@ class Recordings:
         return playback.state()
 
     def playing(self, name: str) -> dict[str, Any] | None:
-        """What is known of a playback; None if there is none."""
+        """The state of a playback; None if there is none."""
         playback = self._playing.get(name)
         return None if playback is None else playback.state()
 
@@ -305,7 +308,7 @@ class Recordings:
             reason, failed = str(error), True
         finally:
             await self._in_thread(active.recorder.close)
-            while active.recorder.writing:  # the folder stays held, and nobody is told that it is done
+            while active.recorder.writing:  # until then the folder stays locked, and the recording counts as running
                 await self._in_thread(active.recorder.close)
             lacking = active.lacking()
             ended = replace(
@@ -345,7 +348,7 @@ class Recordings:
         ended = self.shelf.sized(ended)
         try:
             self.shelf.note(ended)
-        except OSError as error:  # a full disk: it is told until the server ends, and is `interrupted` afterwards
+        except OSError as error:  # a full disk: the end is kept in memory; after a restart it is `interrupted`
             logger.error("the end of recording %s could not be saved: %s", ended.id, error)  # noqa: TRY400
             self._unwritten[ended.id] = ended
         finally:

@@ -1,9 +1,9 @@
-"""Geometry of another sensor than an HDL-64E as a calibration of each ring, for viewers that compute points themselves.
+"""Geometry of a sensor other than an HDL-64E as a calibration of each ring, for viewers that compute points themselves.
 
 The formula of docs/live-sockets.md (convention `veloview`) has a rotation correction, an elevation, a distance
-correction and two offsets for each ring. A sensor's own formula is fitted to it: each cell's point is linear in the
-range, so two ranges tell it. What a sensor turns between the firings of a column becomes part of the rotation
-correction, as the mean over the columns; the rest of it, some hundredths of a degree, is left out.
+correction and two offsets for each ring. It is fitted to the sensor's own formula: a cell's point is linear in the
+range, so two ranges determine it. A sensor turns between the firings of a column; the mean of this angle over the
+columns becomes part of the rotation correction. The rest, a few hundredths of a degree, is ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.sensors.images import Images
 
 COLUMNS: Final = 256
-"""Columns by which the rings are fitted."""
+"""Number of columns used for the fit."""
 MAX_U16: Final = 65_535
 _FAR: Final = 4096
 """The second of the two ranges, in range steps."""
@@ -28,7 +28,7 @@ Values = npt.NDArray[np.float64]
 
 
 class RingGeometry(NamedTuple):
-    """Of each ring, (H,): angles in radians, lengths in metres."""
+    """For each ring, (H,): angles in radians, lengths in metres."""
 
     rot_correction_rad: Values
     vert_correction_rad: Values
@@ -53,7 +53,7 @@ def ring_geometry(frame: Frame) -> RingGeometry | None:
         return None
     chosen = np.linspace(0, frame.width - 1, min(COLUMNS, frame.width)).astype(np.intp)
     origin = near[:, :, chosen]
-    along = (far - near)[:, :, chosen] / (_FAR * frame.sensor.range_step_m)  # of each metre of range
+    along = (far - near)[:, :, chosen] / (_FAR * frame.sensor.range_step_m)  # for each metre of range
     azimuth = np.radians(frame.azimuth[0, chosen] * 0.01)
     beta = np.arctan2(-along[1], along[0])
     rotation = np.angle(np.exp(1j * (azimuth - beta)).mean(axis=1))
@@ -66,21 +66,21 @@ def ring_geometry(frame: Frame) -> RingGeometry | None:
 
 
 def shown_step(frame: Frame) -> int:
-    """Range steps of the sensor that are one step of a range image in 16 bits."""
+    """Number of the sensor's range steps in one step of a 16-bit range image."""
     layout = layout_of(frame)
     bits = 16 if layout is None else layout[1].planes[0].bits
     return 1 << max(0, bits - 16)
 
 
 def shown_ranges(frame: Frame) -> npt.NDArray[np.uint16]:
-    """(H, W) uint16, the ranges in steps of `shown_step`; no return becomes one, and none is lost."""
+    """(H, W) uint16, the ranges in steps of `shown_step`. Returns stay returns, and empty cells stay empty."""
     step = shown_step(frame)
     ranges = np.where(frame.valid, frame.range, 0)
     return np.where(ranges > 0, np.clip((ranges + step // 2) // step, 1, MAX_U16), 0).astype(np.uint16)
 
 
 def facts_of_rings(frame: Frame) -> dict[str, Any]:
-    """The lists of the event `sensor`, a value a ring; zeros for a frame without points."""
+    """The lists of the event `sensor`, one value for each ring; zeros for a frame without points."""
     geometry = ring_geometry(frame)
     rows = frame.sensor.rows
     values = RingGeometry(*(np.zeros(rows) for _ in RingGeometry._fields)) if geometry is None else geometry

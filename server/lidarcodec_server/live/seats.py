@@ -1,7 +1,7 @@
-"""Seats: the live sockets of each client, so that a client with many leaves some for others.
+"""Seats: limits the live sockets of each client, so that places remain for others.
 
-There are limits in all, for one client and for one host, and the last eighth is for operators. Where no seat is left,
-one gives way: one whose stream has been silent for long, or one of the client that has clearly more than the newcomer.
+There are limits for all, for one client and for one host, and the last eighth of all is for operators. When no seat is
+left, a new socket replaces one with a silent stream, or one of a client with clearly more sockets.
 
 >>> seats = Seats(most=2, most_a_client=2)
 >>> first, second = (seats.take(Seat("anna", "10.0.0.1", True)) for _ in range(2))
@@ -20,13 +20,13 @@ from typing import Final
 from lidarcodec_server.door.connections import host_of
 
 SILENT_S: Final = 60.0
-"""A socket whose stream has been silent for so long gives way first."""
+"""A socket is replaced first if its stream has been silent for so long."""
 FOR_OPERATORS: Final = 8
-"""One seat of so many is for operators."""
+"""One of so many seats is for operators."""
 
 
 class TooManyViewersError(Exception):
-    """The limit of viewers is reached; `own`: that of one client or host, and not that of all."""
+    """A limit of viewers is reached. own: the limit of one client or host, not that of all"""
 
     def __init__(self, message: str, *, own: bool = False) -> None:
         super().__init__(message)
@@ -37,8 +37,8 @@ class TooManyViewersError(Exception):
 class Seat:
     """A live socket.
 
-    client: the viewer, on which `host`;  operator: whether it may also change
-    silent_s: for how long its stream has brought nothing;  end: ends it
+    client, host: name and host of the viewer;  operator: whether it may also change settings
+    silent_s: time since the last message of its stream;  end: ends the socket
     """
 
     client: str
@@ -51,7 +51,8 @@ class Seat:
 class Seats:
     """The live sockets of a server. Belongs to the event loop.
 
-    most: in all;  most_a_client, most_a_host: of one;  proxies: addresses that are not one host
+    most: most of all;  most_a_client, most_a_host: most of one client or host
+    proxies: addresses of proxies, which stand for many hosts
     """
 
     def __init__(
@@ -65,11 +66,11 @@ class Seats:
         return len(self._taken)
 
     def of(self, client: str) -> int:
-        """How many one client has."""
+        """Number of live sockets of a client."""
         return sum(one.client == client for one in self._taken)
 
     def take(self, seat: Seat) -> Seat:
-        """Sit down; another one may have to give way.
+        """Take a seat; it may replace another one.
 
         Raises TooManyViewersError.
         """
@@ -91,7 +92,7 @@ class Seats:
         return seat
 
     def leave(self, seat: Seat) -> None:
-        """Get up; harmless when called twice."""
+        """Leave a seat. A second call does nothing."""
         if seat in self._taken:
             self._taken.remove(seat)
 
@@ -108,12 +109,12 @@ def _gives_way(seats: list[Seat], own: int) -> Seat | None:
 
 
 def _silent(seats: list[Seat]) -> Seat | None:
-    """The one whose stream has been silent for longest, if that is long."""
+    """The seat whose stream has been silent longest, if that is long."""
     longest = max(seats, key=lambda one: one.silent_s(), default=None)
     return longest if longest is not None and longest.silent_s() >= SILENT_S else None
 
 
 def _of_the_greedy(seats: list[Seat], own: int) -> Seat | None:
-    """The last of the client that has the most, if it has clearly more than the one that comes."""
+    """The newest seat of the client with the most seats, if it has clearly more than the new client."""
     client, most = Counter(one.client for one in seats).most_common(1)[0] if seats else ("", 0)
     return [one for one in seats if one.client == client][-1] if most > own + 1 else None

@@ -24,11 +24,11 @@ from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
 logger = logging.getLogger(__name__)
 
 MAX_CLIENT_BYTES: Final = 1024
-"""Longest message that a viewer may send; what it has to say is a number."""
+"""Longest message of a viewer, in bytes; it sends only numbers."""
 CLOSE_LIMIT_S: Final = 2.0
 WATCHDOG_S: Final = 0.25
 CHECK_S: Final = 0.3
-"""How often it is asked whether a viewer may still look."""
+"""Interval of checks whether a viewer still has permission."""
 
 GOING_AWAY, NOT_UNDERSTOOD, TOO_LONG, FAILED = 1001, 1008, 1009, 1011
 NOT_ALLOWED: Final = 4401
@@ -55,9 +55,9 @@ async def run(
     subprotocol: str | None = None,
     allowed: Callable[[], bool] = lambda: True,
 ) -> None:
-    """Serve a viewer until it goes, breaks a rule, or the server ends.
+    """Serve a viewer until it leaves, breaks a rule, or the server stops.
 
-    seat: the viewer's place;  allowed: whether it may still receive; asked in a thread, a few times a second
+    seat: the viewer's place;  allowed: whether it still has permission; called in a thread, a few times a second
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
@@ -106,11 +106,11 @@ async def _write(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
 
 
 async def _read(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
-    """Take acknowledgements: the index of a frame, as decimal text or as 8 bytes, or `ack`."""
+    """Read acknowledgements: the index of a frame, as decimal text or as 8 bytes, or `ack`."""
     while True:
         message = await websocket.receive()
         if message["type"] == "websocket.disconnect":
-            hub.counts["abuse"] += "flood" in message  # `ViewerProtocol` has ended it, and said so
+            hub.counts["abuse"] += "flood" in message  # `ViewerProtocol` has closed and logged it
             return
         data = message.get("bytes")
         text = message.get("text") or ""
@@ -126,7 +126,7 @@ def _acknowledged(text: str, data: bytes | None) -> int | None:
         return None
     if data is None and text.isascii() and text.isdigit() and len(text) <= 20:
         return int(text)
-    raise _EndError(NOT_UNDERSTOOD, "write the index of a frame, or 'ack'", "abuse")
+    raise _EndError(NOT_UNDERSTOOD, "send the index of a frame, or 'ack'", "abuse")
 
 
 async def _watch(viewer: Viewer, ack_limit_s: float) -> None:
@@ -147,7 +147,7 @@ async def _give_way(viewer: Viewer) -> None:
 
 
 async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: BaseException | None) -> None:
-    """Say goodbye, if anybody is there to hear it."""
+    """Close the socket with its reason, if it is still open."""
     if error is None or isinstance(error, WebSocketDisconnect):
         code, reason = GOING_AWAY, ""
     elif isinstance(error, _EndError):

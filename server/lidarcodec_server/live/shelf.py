@@ -1,8 +1,8 @@
-"""Shelf: the folder of recordings. What is in the folder is what there is: nothing else remembers them.
+"""Shelf: the folder of recordings. The folder is the only record of them; there is no other list.
 
-Each recording is a folder of its own, named by its id, with one MCAP file and `about.json`, which says what the file
-does not. A recording without an end in it runs, here or in another server with this folder, as long as its lock is
-held. Otherwise it was interrupted; every whole message of it can still be read.
+Each recording is a folder of its own, named by its id, with one MCAP file and `about.json` for everything else. If
+`about.json` has no end, the recording runs as long as its lock is held, by this server or by another one with this
+folder. Without a lock it was interrupted; all its complete messages can still be read.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ ELSEWHERE: Final = "another server with this recordings folder"
 
 
 class ShelfError(LidarCodecError):
-    """A recording that cannot be made, found or played."""
+    """A recording cannot be made, found or played."""
 
 
 class MissingRecordingError(ShelfError):
-    """There is no such recording, or nothing is being recorded or played."""
+    """There is no such recording, or it is not being recorded or played."""
 
 
 class BusyRecordingError(ShelfError):
-    """It is being recorded or played, or the name that is wanted is taken."""
+    """The recording is being recorded or played, or the wanted name is already used."""
 
 
 class StorageError(ShelfError):
@@ -55,9 +55,9 @@ class StorageError(ShelfError):
 
 @dataclass(frozen=True)
 class Recording:
-    """What is known of a recording. Times in ns since the Unix epoch, ended_ns None while it runs or if unknown.
+    """A recording. Times are in ns since the Unix epoch; ended_ns is None while it runs or if unknown.
 
-    frames: None where nobody counted;  reason: why it ended, or which server it runs in if not in this one
+    frames: None if they were not counted;  reason: why it ended, or a note that another server is recording it
     """
 
     id: str
@@ -72,7 +72,7 @@ class Recording:
     size_bytes: int = 0
 
     def about(self) -> dict[str, Any]:
-        """What its `about.json` holds."""
+        """The content of its `about.json`."""
         return {
             "format": 1,
             "vehicle": self.vehicle,
@@ -87,7 +87,7 @@ class Recording:
 
     @classmethod
     def read(cls, folder: Path) -> Self | None:
-        """What a folder says; None if it is no recording."""
+        """Read a folder; None if it is no recording."""
         try:
             with open_regular(folder / ABOUT) as file:
                 about = read_object(file.read(MAX_ABOUT_BYTES + 1), MAX_ABOUT_BYTES)
@@ -122,7 +122,7 @@ class Recording:
 
 
 class Shelf:
-    """Reads and writes the folder. Everything here may take as long as the disk takes: call it from a thread."""
+    """Reads and writes the folder. Methods wait for the disk: call them from a thread."""
 
     def __init__(self, folder: Path, *, max_total_bytes: int = 64 * 2**30, min_free_bytes: int = 256 * 2**20) -> None:
         self.folder, self.max_total_bytes, self.min_free_bytes = folder, max_total_bytes, min_free_bytes
@@ -143,13 +143,15 @@ class Shelf:
         return found
 
     def path(self, name: str) -> Path:
-        """The folder of a recording. Raises MissingRecordingError for what is no id, so that no id leads elsewhere."""
+        """The folder of a recording. Raises MissingRecordingError for an invalid id, so no id leads out of the
+        shelf.
+        """
         if not ID.fullmatch(name):
             raise MissingRecordingError(f"'{name[:64]}' is not a recording: GET /api/v1/recordings lists their ids")
         return self.folder / name
 
     def file(self, name: str) -> Path:
-        """The MCAP file of a recording. Raises MissingRecordingError, also for what is no file but a pipe."""
+        """The MCAP file of a recording. Raises MissingRecordingError, also if it is no regular file."""
         files = sorted(self.path(name).glob("*.mcap"))
         if not files:
             raise MissingRecordingError(f"recording {name} has no file: nothing was received")
@@ -160,7 +162,7 @@ class Shelf:
         return files[0]
 
     def create(self, keys: StreamKeys, started_ns: int, by: str | None) -> Recording:
-        """A new recording's folder, which is held until `release` or `remove`. Raises StorageError."""
+        """Make the folder of a new recording. It stays locked until `release` or `remove`. Raises StorageError."""
         stamp = datetime.fromtimestamp(started_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
         made = Recording(f"{stamp}-{secrets.token_hex(3)}", keys.vehicle, keys.sensor, started_ns, "recording", by)
         try:
@@ -169,7 +171,7 @@ class Shelf:
             if full is not None:
                 raise StorageError(full)
             (self.folder / made.id).mkdir()
-            hold = Hold.of(self.folder / made.id, alone=True)  # nobody looks at it before it says what it is
+            hold = Hold.of(self.folder / made.id, alone=True)  # others ignore the folder until it has `about.json`
             if hold is not None:
                 self._recorded[made.id] = hold
             self.note(made)
@@ -179,20 +181,20 @@ class Shelf:
         return made
 
     def release(self, name: str) -> None:
-        """Nothing more is written to a recording that `create` made."""
+        """Unlock a recording that `create` made: nothing more is written to it."""
         hold = self._recorded.pop(name, None)
         if hold is not None:
             hold.close()
 
     def hold(self, name: str) -> Hold:
-        """Keep a recording from being deleted, by any server, until it is closed.
+        """Keep all servers from deleting a recording until the lock is closed.
 
         Raises MissingRecordingError, BusyRecordingError, StorageError.
         """
         return self._hold(name, alone=False)
 
     def note(self, recording: Recording) -> None:
-        """Write what is known of a recording, whole or not at all. Raises OSError."""
+        """Write `about.json` of a recording, completely or not at all. Raises OSError."""
         folder = self.path(recording.id)
         fresh = folder / f"{ABOUT}.new"
         with fresh.open("w", encoding="utf-8") as file:
@@ -202,7 +204,7 @@ class Shelf:
         fresh.replace(folder / ABOUT)
 
     def sized(self, recording: Recording) -> Recording:
-        """The same with its present size."""
+        """The recording with its present size."""
         return replace(recording, size_bytes=_size_of(self.path(recording.id)))
 
     def remove(self, name: str) -> None:
@@ -230,9 +232,9 @@ class Shelf:
         return hold
 
     def full(self, running_bytes: int | None = None) -> str | None:
-        """Why nothing more may be recorded; None while there is room. Raises OSError.
+        """Why nothing more can be recorded; None while there is room. Raises OSError.
 
-        running_bytes: of the recordings that run; what the others have is counted every COUNT_S at most then
+        running_bytes: size of the running recordings. If given, the others are measured at most every COUNT_S
         """
         free = shutil.disk_usage(self.folder).free
         if free < self.min_free_bytes:
@@ -243,7 +245,7 @@ class Shelf:
         return None
 
     def _unusable(self, error: OSError) -> StorageError:
-        """The error for clients. It does not name the folder; the log does."""
+        """The error for clients. It does not name the folder; the log line does."""
         reason = error.strerror or type(error).__name__
         self._warnings.warning("the recordings folder %s cannot be used: %s", self.folder, reason)
         return StorageError(f"the recordings folder of the server cannot be used: {reason}")
@@ -257,7 +259,7 @@ class Shelf:
         return self._others_bytes + running_bytes
 
     def count_again(self) -> None:
-        """To be called when a recording has ended or was removed."""
+        """Call this when a recording has ended or was removed."""
         self._counted_at = float("-inf")
 
     def _folders(self, most: int | None = MAX_LISTED) -> list[Path]:

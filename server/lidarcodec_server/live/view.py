@@ -1,4 +1,4 @@
-"""FrameView: a decoded frame, made ready for viewers once for each form in which any of them wants it."""
+"""FrameView: a decoded frame, encoded for viewers once for each encoding that a viewer wants."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Work = Callable[[Callable[[], bytes]], "asyncio.Future[bytes]"]
 
 
 class FrameView:
-    """A frame with what is known of it; belongs to the event loop."""
+    """A frame with its facts; belongs to the event loop."""
 
     def __init__(self, frame: Frame, facts: Facts, originals: Originals | None = None) -> None:
-        """originals: of its stream, where somebody wants to compare."""
+        """originals: originals of its stream, if a viewer compares"""
         self.frame, self.facts, self._originals = frame, facts, originals
         self._bytes: dict[object, asyncio.Future[bytes]] = {}
 
@@ -32,8 +32,8 @@ class FrameView:
         return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding), work)
 
     async def made(self, what: object, make: Callable[[], bytes], work: Work) -> bytes:
-        """What `make` makes of it, in a thread, once for all who ask for `what`."""
+        """Call `make` in a thread, once for all callers with the same `what`; its result."""
         future = self._bytes.get(what)
         if future is None or future.cancelled():
             future = self._bytes[what] = work(make)
-        return await asyncio.shield(future)  # one who gives up takes nothing from the others
+        return await asyncio.shield(future)  # if one caller gives up, the others still get it

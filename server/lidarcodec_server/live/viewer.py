@@ -1,7 +1,7 @@
-"""A viewer of a live stream: one slot, and the next is sent when it has acknowledged the last. All in the event loop.
+"""A viewer of a live stream. It gets the newest frame when it has acknowledged the last one. All in the event loop.
 
-A WebSocket gives no useful back-pressure: what a client does not read fills the buffers of two kernels and two
-libraries, seconds of it, while every `send` returns at once. So only what the client says counts.
+A WebSocket gives no useful back-pressure: if a client does not read, the buffers of two kernels and two libraries hold
+seconds of data while every `send` returns at once. So only acknowledgements of the client count.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lidarcodec_server.live.options import CloudOptions, FramesOptions
 from lidarcodec_server.live.view import FrameView, Work
 
 EVENTS: Final = 32
-"""Events that wait for a viewer; the oldest give way."""
+"""Most events that wait for a viewer; with more, the oldest are dropped."""
 
 
 class Parcel(NamedTuple):
@@ -30,7 +30,7 @@ class Parcel(NamedTuple):
 
 
 class Viewer(ABC):
-    """sent, skipped: frames or messages that it got, and that gave way to newer ones."""
+    """sent: frames or messages that it got;  skipped: frames or messages that newer ones replaced"""
 
     kind: str
     decodes: bool
@@ -49,24 +49,26 @@ class Viewer(ABC):
 
     @property
     def waited_s(self) -> float:
-        """How long the oldest frame that was sent has not been acknowledged; 0 when none is under way."""
+        """Time since the oldest frame without acknowledgement was sent; 0 if there is none."""
         return time.monotonic() - self._in_flight[0][1] if self._in_flight else 0.0
 
     def tell(self, event: dict[str, Any]) -> None:
-        """Have an event sent, soon, whatever the viewer acknowledges."""
+        """Send an event soon, without waiting for acknowledgements."""
         self._events.append(event)
         self._changed.set()
 
     def give_way(self) -> None:
-        """Have it leave its place to another one."""
+        """Make it leave its place to another viewer."""
         self._gives_way.set()
 
     async def must_leave(self) -> None:
-        """Wait until it has to."""
+        """Wait until it must leave its place."""
         await self._gives_way.wait()
 
     def acknowledge(self, index: int | None) -> None:
-        """It has frame `index` and all before; None: the oldest that is under way. Others mean nothing."""
+        """It has received frame `index` and all before it. None: the oldest one without acknowledgement. Unknown frames
+        are ignored.
+        """
         if index is None and self._in_flight:
             self._in_flight.popleft()
         elif any(one == index for one, _ in self._in_flight):
@@ -75,7 +77,7 @@ class Viewer(ABC):
         self._changed.set()
 
     async def next(self, work: Work) -> Parcel:
-        """What to send, as soon as there is something; a frame in it counts as sent."""
+        """Wait for something to send, and return it. A frame in it counts as sent."""
         while True:
             self._changed.clear()
             events = [self._events.popleft() for _ in range(len(self._events))]
@@ -97,10 +99,10 @@ class Viewer(ABC):
 
     @abstractmethod
     async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
-        """Events, and the frame that is to be sent now, if any."""
+        """Events, and the frame to send now, if there is one."""
 
     def _pause_s(self) -> float:
-        """How long nothing may be sent yet."""
+        """Seconds until the next frame may be sent."""
         return 0.0
 
 
@@ -119,16 +121,16 @@ class CloudViewer(Viewer):
 
     @property
     def compares(self) -> bool:
-        """Whether it wants frames as they were before coding, too."""
+        """Whether it also wants the frames before coding."""
         return "original" in self.options.encoding.attributes
 
     @property
     def skipped(self) -> int:
-        """Frames that gave way to newer ones."""
+        """Number of frames that newer ones replaced."""
         return self._skipped
 
     def show(self, view: FrameView) -> None:
-        """Leave a frame, in place of one that was not sent yet."""
+        """Give it a frame; it replaces one that was not sent yet."""
         self._skipped += self._slot is not None
         self._slot = view
         self._changed.set()
@@ -173,7 +175,7 @@ class FramesViewer(Viewer):
         return self._chain.lost
 
     def offer(self, message: Coded) -> bool:
-        """Take a message that came. False: this viewer needs a key message to go on."""
+        """Add a new message. False: this viewer needs a key message to continue."""
         goes_on = self._chain.offer(message)
         self._changed.set()
         return goes_on

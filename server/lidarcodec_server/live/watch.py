@@ -1,6 +1,6 @@
 """Watch: one stream while it is viewed or recorded, with one receiver and one decoder for all viewers.
 
-The receiver's threads hand over here; everything else belongs to the event loop.
+The receiver's threads pass frames and messages to it; everything else belongs to the event loop.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from lidarcodec_server.told import known_settings
 logger = logging.getLogger(__name__)
 
 Tap = Callable[[bytes], object]
-"""Takes the bytes of every message, in the receiver's thread; must be quick."""
+"""Gets the bytes of every message, in the receiver's thread; must be quick."""
 TICK_S: Final = 0.25
 STALE_S: Final = 2.0
-"""A stream that brought nothing for so long is stale."""
+"""A stream without messages for so long is stale."""
 STALE_AGAIN_S: Final = 5.0
 GROUP_PACE: Final = 0.95
-"""Frames of a group come all at once and are shown one after the other, a little faster than they were taken."""
+"""Frames of a group arrive together and are shown one after the other, a little faster than they were measured."""
 MAX_GROUP_S: Final = 5.0
 SLOW_KEY_S: Final = 2.0
-"""Key frames for viewers that fell behind are asked for at most so often: each of them costs all viewers."""
+"""Shortest time between two requests for key frames for viewers that fell behind: a key frame is larger for all."""
 
 
 class Watch:
     """One stream.
 
-    viewers: those that look;  last, last_at: the newest decoded frame and when it came, by the monotonic clock
+    viewers: its viewers;  last, last_at: the newest decoded frame and its arrival by the monotonic clock
     """
 
     def __init__(self, keys: StreamKeys, transport: Transport, loop: asyncio.AbstractEventLoop) -> None:
@@ -74,7 +74,7 @@ class Watch:
         self._decoded_forward, self._passed_forward = Forward(), Forward()
 
     def renew(self, transport: Transport) -> None:
-        """Have a new receiver; it is not started."""
+        """Make a new receiver, without starting it."""
         self._transport = transport
         if self._originals is not None:
             self._compare(wanted=False)
@@ -92,24 +92,24 @@ class Watch:
     # --- for the hub ------------------------------------------------------------------------------------------------
 
     def decode(self, wanted: int) -> None:
-        """One more, or one less, wants decoded frames."""
+        """Add to the number of users that want decoded frames."""
         self._decoders += wanted
         if self._decoders == 1 and wanted == 1 and not self.receiver.decoding:
             self.receiver.decoding = True
             self.receiver.request_key()
 
     def silent_s(self) -> float:
-        """For how long nothing came, whether or not the vehicle is there."""
+        """Time since the last message, whether or not the vehicle is online."""
         return time.monotonic() - self._heard_at
 
     def rest(self) -> None:
-        """Stops decoding when no viewer or recorder is left."""
+        """Stop decoding, because no viewer or recorder is left."""
         if not self._decoders:
             self.receiver.decoding = False
             self.last = None
 
     def add(self, viewer: Viewer) -> None:
-        """Let a viewer look."""
+        """Add a viewer."""
         self.viewers.add(viewer)
         self._told.setdefault("alive", self.receiver.alive)
         viewer.tell({"event": "alive" if self.receiver.alive else "gone"})
@@ -124,7 +124,7 @@ class Watch:
             viewer.show(self.last)
 
     def remove(self, viewer: Viewer) -> None:
-        """A viewer is gone."""
+        """Remove a viewer."""
         self.viewers.discard(viewer)
         self._passes_on = any(isinstance(one, FramesViewer) for one in self.viewers)
         self._compare(wanted=self._wants_originals())
@@ -133,7 +133,7 @@ class Watch:
         return any(isinstance(one, CloudViewer) and one.compares for one in self.viewers)
 
     def _compare(self, *, wanted: bool) -> None:
-        """Receives originals only while a viewer compares; otherwise the vehicle sends none."""
+        """Receive originals only while a viewer compares; otherwise the vehicle sends none."""
         if wanted and self._originals is None:
             self._originals = Originals(self.keys, self._transport, self._loop)
         elif not wanted and self._originals is not None:
@@ -141,7 +141,7 @@ class Watch:
             self._originals = None
 
     def tap(self, tap: Tap) -> None:
-        """Hand every message to this, too."""
+        """Also pass every message to this function."""
         self._taps = (*self._taps, tap)
         self.receiver.request_key()
 
@@ -155,7 +155,7 @@ class Watch:
         return time.monotonic() - self.last_at
 
     async def newest(self, max_age_s: float, timeout_s: float) -> FrameView | None:
-        """The newest frame if it is young enough, else the next one; None when none comes in time."""
+        """The newest frame if it is recent enough, otherwise the next one; None if none arrives in time."""
         if self.last is not None and self.last_age_s <= max_age_s:
             return self.last
         future: asyncio.Future[FrameView] = self._loop.create_future()
@@ -168,7 +168,7 @@ class Watch:
             self._waiting.discard(future)
 
     def state(self) -> dict[str, Any]:
-        """Counts and times of the receiver, and what the viewers got."""
+        """Counts and times of the receiver, and counts of the viewers."""
         return {
             **self.receiver.stats.summary(),
             "errors": dict(self.receiver.errors),
@@ -199,7 +199,7 @@ class Watch:
         self._call(self._show_later, view, message, (frame.stamp_ns - self._group_ns) / 1e9)
 
     def _fills(self) -> bool:
-        """Whether returns may be made up between those that were sent: not where a program is to look at them."""
+        """Whether returns may be interpolated between those that were sent: not if the stream is for a program."""
         settings = (self.receiver.status or {}).get("settings")
         return not isinstance(settings, dict) or settings.get("purpose") not in UNFILLED
 
@@ -209,13 +209,13 @@ class Watch:
         self._call(self._heard, data if self._passes_on else b"")
 
     def _call(self, function: Callable[..., object], *values: object) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the server has ended
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the server has stopped
             self._loop.call_soon_threadsafe(function, *values)
 
     # --- in the event loop ------------------------------------------------------------------------------------------
 
     def _show_later(self, view: FrameView, group: Message, after_s: float) -> None:
-        """Show the frames of a group as far apart as they were taken. When the next group is there they give way."""
+        """Show the frames of a group as far apart as they were measured. The next group cancels the rest."""
         if group is not self._shown_group:
             self._shown_group, self._shown_from = group, self._loop.time()
             self._cancel()
@@ -249,7 +249,7 @@ class Watch:
             return
         try:
             message = coded(data)
-        except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
+        except DecodeError as error:  # the receiver has checked it, so its header is of a kind that is unknown here
             logger.debug("a message could not be forwarded: %s", error)
             return
         if self._passed_forward.goes_back(message.stream_id, message.first, message.stamp_ns, time.monotonic()):
@@ -261,7 +261,7 @@ class Watch:
             self.receiver.request_key()
 
     def tick(self) -> None:
-        """Look whether there is something to tell; called every TICK_S."""
+        """Check whether there are events to send; called every TICK_S."""
         self._look_for_restart()
         receiver, silent_s = self.receiver, time.monotonic() - self._heard_at
         self._tell_change("alive", receiver.alive, {"event": "alive" if receiver.alive else "gone"})

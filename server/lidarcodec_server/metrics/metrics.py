@@ -1,6 +1,6 @@
-"""Metrics: what Prometheus is told, of every stream and of the server itself. No more labels than there are streams.
+"""Metrics: Prometheus metrics of every stream and of the server. The number of labels is bounded by the streams.
 
-Durations are in seconds, as Prometheus wants them. Counters go on through restarts of publishers.
+Durations are in seconds, as Prometheus recommends. Counters keep their values when a publisher restarts.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ COUNTERS = {
     "decode_errors": ("received decode_errors", "Messages that receivers could not decode."),
     "missing_references": ("received missing_references", "Messages that arrived without the frame that they need."),
 }
-"""Metric: name in Totals, help."""
+"""For each metric: its name in Totals, and its help text."""
 HISTOGRAMS = {
     "encode": "Time to encode a frame.",
     "put": "Time to hand a message to the network.",
@@ -51,10 +51,10 @@ GAUGES = {"fps": "Frames sent a second.", "kbps": "Kilobits sent a second."}
 
 
 class Metrics:
-    """Collects and tells. Thread-safe. `registry` takes further metrics."""
+    """Collects and reports the metrics. Thread-safe. Other parts add theirs to `registry`."""
 
     def __init__(self, fleet: Fleet, ready: Callable[[], dict[str, bool]] = dict) -> None:
-        """ready: which parts of the server answer"""
+        """ready: gives for each part of the server whether it is ready"""
         self.registry = CollectorRegistry()
         self._ready = ready
         self.registry.register(_Streams(self))
@@ -73,7 +73,7 @@ class Metrics:
         )
 
     def told(self, keys: StreamKeys) -> None:
-        """A status of the stream came."""
+        """A status of the stream arrived."""
         stream = self._fleet.get(keys)
         if stream is None or stream.status is None:
             return
@@ -84,16 +84,16 @@ class Metrics:
                 self._totals = {one: totals for one, totals in self._totals.items() if one in known}
 
     def request(self, method: str, route: str, status: int, seconds: float) -> None:
-        """A request was answered; `route` is its pattern, so that there are only so many."""
+        """A request was answered. route: the pattern of its path, so that the number of labels stays small"""
         self._requests.labels(method if method in METHODS else "other", route, status).inc()
         self._seconds.labels(route).observe(seconds)
 
     def refused(self, reason: str) -> None:
-        """A client was refused: its token was `missing` or `wrong`, or its `role` was not enough."""
+        """A client was refused. reason: its token was `missing` or `wrong`, or its `role` did not permit the request"""
         self._refused.labels(reason).inc()
 
     def text(self) -> bytes:
-        """Everything, in Prometheus' text form."""
+        """All metrics in Prometheus' text format."""
         return generate_latest(self.registry)
 
     def streams(self) -> tuple[list[Stream], dict[StreamKeys, Totals]]:
@@ -117,7 +117,8 @@ class Metrics:
             gauge = GaugeMetricFamily(f"lidarcodec_stream_{name}", text, labels=LABELS)
             for stream in streams:
                 value = (stream.status or {}).get(name)
-                if stream.alive and isinstance(value, int | float) and abs(value) < LARGEST:  # or it fits no float
+                # A larger number may not fit a float.
+                if stream.alive and isinstance(value, int | float) and abs(value) < LARGEST:
                     gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(value))
             yield gauge
         yield from _spent(streams)
@@ -173,7 +174,7 @@ def _counted(streams: list[Stream], totals: dict[StreamKeys, Totals]) -> Iterato
 
 
 class _Streams(Collector):
-    """What is asked anew each time."""
+    """Metrics that are computed at each request."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics

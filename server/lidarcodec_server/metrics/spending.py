@@ -1,6 +1,6 @@
-"""What a stream spends its bits on, as gauges for Prometheus: target, bound, share of returns, intensity.
+"""Gauges for Prometheus about the bits of a stream: target, error bound, share of returns, intensity levels.
 
-A stream that does not tell something, or whose codec has no such thing, has no sample of it.
+A gauge has no sample if the stream does not report the value or its codec does not have it.
 
 >>> gauges_of({"rate": {"target_kbps": 800.0, "reached": False, "limited_by": "floor"}}, None)
 {'target_kbps': 800.0, 'target_missed': 1.0}
@@ -26,7 +26,7 @@ SPENDING: Final = {
 
 
 def gauges_of(status: dict[str, Any], settings: StreamSettings | None, codec: str | None = None) -> dict[str, float]:
-    """The gauges that a stream's last status tells. codec: in force"""
+    """The gauges from a stream's last status. codec: the codec in force"""
     rate = status.get("rate")
     found = {
         "target_kbps": number_in(rate, "target_kbps"),

@@ -1,6 +1,6 @@
-"""Totals: what a stream did since the server started, through restarts of its publisher and receivers.
+"""Totals: counts of a stream since the server started. They survive restarts of its publisher and receivers.
 
-Publishers count from zero when they start. Here only goes up.
+A publisher counts from zero at each start. The totals here only increase.
 
 >>> totals = Totals()
 >>> totals.take("one", {"frames": 10}); totals.take("one", {"frames": 12}); totals.take("two", {"frames": 3})
@@ -17,7 +17,7 @@ from typing import Any
 from lidarcodec.apps.timings import BOUNDS_MS
 
 MAX_SENDERS = 32
-"""Starts and receivers whose last counts are remembered, for each stream."""
+"""Number of publisher starts and receivers, for each stream, with remembered counts."""
 SENT = ("frames", "messages", "bytes", "key_frames", "replaced", "no_receiver", "left_out")
 ERRORS = ("encode errors", "put errors")
 RECEIVED = ("frames", "missing", "decode_errors", "missing_references")
@@ -37,7 +37,7 @@ class Totals:
         return self._sums.get(name, 0.0)
 
     def take(self, sender: str, counts: dict[str, float]) -> None:
-        """Counts as `sender` has them now; one that went down began again at zero."""
+        """Add the present counts of `sender`. If a count went down, it started again at zero."""
         last = self._last.pop(sender, {})
         for name, count in counts.items():
             grown = count - last.get(name, 0.0)
@@ -56,7 +56,7 @@ class Totals:
         return out, self[f"{name} sum"] / 1e3
 
     def status(self, status: dict[str, Any]) -> None:
-        """Take a publisher's status: its own counts, and those of receivers that it passes on."""
+        """Add a publisher's status: its own counts, and those of receivers in it."""
         start = status.get("stream_id")
         if not isinstance(start, str) or len(start) > 64:
             return
@@ -82,7 +82,7 @@ def _received(report: dict[str, Any]) -> dict[str, float]:
 
 
 def _times(name: str, summary: object) -> dict[str, float]:
-    """Counts of a `Timings` summary with its buckets."""
+    """Counts from a summary of `Timings` with its buckets."""
     buckets = summary.get("buckets") if isinstance(summary, dict) else None
     if not isinstance(summary, dict) or not isinstance(buckets, dict):
         return {}

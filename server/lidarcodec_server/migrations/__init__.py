@@ -1,7 +1,7 @@
 """The store's schema, step by step. `upgrade` takes any earlier state to the newest.
 
-An empty database gets the newest schema at once, and one that has it is left alone: Alembic, which takes longer to load
-than either takes, is loaded for what lies between.
+An empty database gets the newest schema at once, and a database with the newest schema is not changed. Alembic is
+loaded only for older schemas, because loading it is slow.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class StoreError(LidarCodecError):
 LOCK = 0x11DA2C0DEC
 """PostgreSQL advisory lock: two servers that start at once do not migrate at once."""
 NEWEST: Final = "0001"
-"""The last of `versions`."""
+"""The newest of `versions`."""
 VERSION = Table("alembic_version", MetaData(), Column("version_num", String(32), nullable=False, primary_key=True))
-"""As Alembic keeps it."""
+"""Alembic's table of the schema version."""
 
 
 def configuration(connection: Connection | None = None) -> Config:
-    """Alembic's configuration; it works on a connection that is given to it."""
+    """Alembic's configuration. connection: the connection for the migrations"""
     from alembic.config import Config
 
     config = Config()
@@ -42,7 +42,7 @@ def configuration(connection: Connection | None = None) -> Config:
 def upgrade(connection: Connection) -> None:
     """Bring the schema up to date, in the connection's transaction.
 
-    Raises StoreError when a newer version of this program wrote it.
+    Raises StoreError if a newer version of this program wrote it.
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": LOCK})

@@ -1,4 +1,4 @@
-"""What Alembic runs: the migrations, on the connection that was given."""
+"""Alembic runs this: the migrations, on the connection of its configuration."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ Before = Annotated[int | None, Query(ge=1, le=2**62, description="Continue after
 
 @router.get("/audit")
 def whole(service: TheService, client: Viewer, limit: Limit = 100, before: Before = None) -> list[AuditEntry]:
-    """Entries of the audit log, newest first: of all streams, and of what concerns none, such as tokens."""
+    """Entries of the audit log, newest first: of all streams, and entries without a stream, such as tokens."""
     return [AuditEntry.of(entry) for entry in service.audit(None, limit, before)]
 
 
@@ -26,5 +26,5 @@ def whole(service: TheService, client: Viewer, limit: Limit = 100, before: Befor
 def audit(
     service: TheService, keys: TheStream, client: Viewer, limit: Limit = 100, before: Before = None
 ) -> list[AuditEntry]:
-    """Entries of the audit log that concern a stream, newest first."""
+    """Entries of the audit log about a stream, newest first."""
     return [AuditEntry.of(entry) for entry in service.audit(keys, limit, before)]

@@ -1,4 +1,4 @@
-"""`/api/v1/codecs`: what a stream can be changed to."""
+"""`/api/v1/codecs`: the codecs that a stream can use."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from lidarcodec_server.schemas import CodecAnswer, Reach
 router = APIRouter(prefix="/api/v1/codecs", tags=["codecs"])
 
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
-"""Weights are named by their bytes."""
+"""The name of weights is their hash, so they never change."""
 
 
 @router.get("", response_model=list[CodecAnswer])
 def codecs(client: Viewer) -> Response:
-    """The codecs, with the JSON schemas of their settings, what they can promise and which rates they reach."""
+    """The codecs, with the JSON schemas of their settings, their guarantees and the bitrates that they reach."""
     return Response(_all(), media_type="application/json")
 
 
@@ -40,7 +40,7 @@ def riddle_weights(
     client: Viewer,
     name: Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="The name that is used in messages.")],
 ) -> Response:
-    """A weight file of codec `riddle` that comes with the package, for programs that decode messages themselves."""
+    """A weight file of the codec `riddle` from the package, for programs that decode messages themselves."""
     found = shipped().get(name)
     if found is None:
         raise ProblemError(404, f"this server has no weights {name}: they come with their stream", "weights")
@@ -49,7 +49,7 @@ def riddle_weights(
 
 @cache
 def _all() -> bytes:
-    """The answer, which is the same for everybody; to write it anew takes longer than all else of a request."""
+    """The answer. It is the same for all clients and slow to write, so it is written once."""
     return TypeAdapter(list[CodecAnswer]).dump_json([_answer(name) for name in table.names()])
 
 

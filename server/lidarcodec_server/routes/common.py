@@ -1,4 +1,4 @@
-"""What routes share: the service of the app, the stream that a path names, and the JSON object of a body."""
+"""Shared by the routes: the service of the app, the stream in a path, and the JSON object of a body."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ Name = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_N
 
 
 def service_of(connection: HTTPConnection) -> Service:
-    """The service of the app that answers."""
+    """The service of the app."""
     return cast(Service, connection.app.state.service)
 
 
 def stream_of(vehicle: Name, sensor: Name) -> StreamKeys:
-    """The stream of a path."""
+    """The stream in a path."""
     return StreamKeys(vehicle, sensor)
 
 
 def known_stream(service: Service, keys: StreamKeys) -> Stream:
-    """What is known of a stream.
+    """A stream as the server knows it.
 
-    Raises ProblemError 404 when it was never seen.
+    Raises ProblemError 404 if it was never seen.
     """
     found = service.stream(keys)
     if found is None:
@@ -42,8 +42,8 @@ def known_stream(service: Service, keys: StreamKeys) -> Stream:
 async def json_object(request: Request) -> dict[str, Any]:
     """The JSON object of a body.
 
-    Raises ProblemError 415 for another content type: a web page elsewhere can make a browser send text, but not JSON;
-    422 for a body that is no JSON object.
+    Raises ProblemError 415 for another content type, because a web page of another origin can make a browser send text
+    but not JSON; 422 for a body that is no JSON object.
     """
     content = request.headers.get("content-type", "")
     if not content or not is_json(content):

@@ -1,4 +1,4 @@
-"""`/api/v1/fleet`: all streams in a line each, for a list that is asked for once a second."""
+"""`/api/v1/fleet`: all streams, one row each, for a list that is updated once a second."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ router = APIRouter(prefix="/api/v1", tags=["streams"])
 
 
 class FleetRow(BaseModel):
-    """A stream in a line. Figures are null where the vehicle told none.
+    """A stream in a row. Values are null if the vehicle did not report them.
 
-    A vehicle of which no stream has room has one line, with the name of one of them and `room` false.
+    If the server has no room for any stream of a vehicle, the vehicle has one row, with the name of one of its streams
+    and `room` false.
     """
 
     vehicle: str
@@ -59,7 +60,7 @@ def fleet(
     client: Viewer,
     minute: Annotated[bool, Query(description="Include the bitrates of the last minute.")] = False,
 ) -> list[FleetRow]:
-    """All streams, in a line each."""
+    """All streams, one row each."""
     now_s = time.monotonic()
     recorded, played = recordings.names()
     waiting = service.fleet.waiting()
@@ -80,7 +81,7 @@ def fleet(
 
 
 def _row(stream: Stream, now_s: float, minute: bool) -> FleetRow:
-    """What its vehicle tells of a stream."""
+    """The row of a stream."""
     status: dict[str, Any] = stream.status or {}
     rate = status.get("rate") if isinstance(status.get("rate"), dict) else None
     replaced = number_in(status, "replaced")
@@ -108,7 +109,7 @@ def _row(stream: Stream, now_s: float, minute: bool) -> FleetRow:
 
 
 def _latency_ms(status: dict[str, Any]) -> float | None:
-    """Of the receiver that the vehicle follows, else of the first that told one."""
+    """Latency at the receiver that controls the stream, otherwise at the first receiver that reports one."""
     reports = status.get("reports")
     if not isinstance(reports, dict):
         return None

@@ -1,4 +1,4 @@
-"""`/healthz` and `/readyz`: for programs that start or watch the server. No token is needed, so they tell little."""
+"""`/healthz` and `/readyz`: for programs that start or monitor the server. They need no token, so they say little."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ router = APIRouter(tags=["health"])
 
 @router.get("/healthz")
 async def healthz() -> dict[str, bool]:
-    """The process answers."""
+    """Whether the process answers."""
     return {"ok": True}
 
 
 @router.get("/readyz", responses={503: {"description": "Not ready. The answer says which part."}})
 def readyz(service: TheService, response: Response) -> dict[str, bool]:
-    """The Zenoh session is open, and the store answers."""
+    """Whether the Zenoh session is open and the store answers."""
     parts = service.ready()
     if not all(parts.values()):
         response.status_code = 503

@@ -1,4 +1,4 @@
-"""`/api/v1/links`: presets of settings by the link that carries a stream."""
+"""`/api/v1/links`: presets of settings for the radio links that carry a stream."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ router = APIRouter(prefix="/api/v1/links", tags=["settings"])
 
 @router.get("")
 def links(client: Viewer) -> list[LinkAnswer]:
-    """Presets for links. Each is nothing but a few settings: to use one, send its `settings` as the PATCH of a stream's
-    settings."""
+    """Presets for links. A preset is a few settings: to use it, send its `settings` as the PATCH of a stream's
+    settings.
+    """
     return [
         LinkAnswer(name=one.name, label=one.label, settings=LinkSettings(**one.settings)) for one in PRESETS.values()
     ]

@@ -1,4 +1,4 @@
-"""What routes of the live side share: the hub, the recordings, and whether a stream is there to be looked at."""
+"""Shared by the routes for live streams: the hub, the recordings, and whether a stream is known."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from lidarcodec_server.routes.common import TheService, TheStream, known_stream
 
 
 def hub_of(connection: HTTPConnection) -> LiveHub:
-    """The hub of the app that answers."""
+    """The hub of the app."""
     return cast(LiveHub, connection.app.state.hub)
 
 
 def recordings_of(connection: HTTPConnection) -> Recordings:
-    """The recordings of the app that answers."""
+    """The recordings of the app."""
     return cast(Recordings, connection.app.state.recordings)
 
 
 def known(service: TheService, keys: TheStream) -> Stream:
-    """What is known of the stream of a path; asked in a thread, because the store may be.
+    """The stream in a path. Called in a thread, because it may read the store.
 
-    Raises ProblemError 404 when it was never seen.
+    Raises ProblemError 404 if it was never seen.
     """
     return known_stream(service, keys)
 
 
 def fills(known: Annotated[Stream, Depends(known)], recordings: Annotated[Recordings, Depends(recordings_of)]) -> bool:
-    """Whether returns of a stream are made up between the columns that were sent, unless a viewer says otherwise: not
-    of a recording that is played, and not for programs."""
+    """Whether returns are interpolated between the sent columns, unless a viewer says otherwise. Not for a playback
+    of a recording, and not for programs."""
     _, played = recordings.names()
     return known.keys not in played and (known.settings is None or fills_for(known.settings.purpose))
 

@@ -14,7 +14,7 @@ router = APIRouter(tags=["health"])
 
 @router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
 def metrics(request: Request, service: TheService) -> Response:
-    """Counters and histograms of every stream and of the server, as Prometheus reads them."""
+    """Metrics of every stream and of the server, in Prometheus' text format."""
     if not service.config.metrics_open:
         require_viewer(request)
     return Response(service.metrics.text(), media_type=MEDIA_TYPE)

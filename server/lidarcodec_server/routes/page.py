@@ -1,4 +1,4 @@
-"""`/`, `/docs` and `/openapi.json`: what a person sees first. Pages hold no data and need no token."""
+"""`/`, `/docs` and `/openapi.json`: the pages for people. Pages contain no data and need no token."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
     "connect-src 'self' data:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What the page may load: files of this server, nothing that stands in the page itself, and nothing from elsewhere. The
-decoder of zstd fetches itself out of the script that it came with (`data:`)."""
+"""The page may load files of this server only: no inline scripts, and nothing from other servers. The zstd decoder
+loads its own code from a `data:` URL."""
 
 
 @router.get("/openapi.json")
 def openapi(request: Request, client: Viewer) -> dict[str, Any]:
-    """The interface, for programs."""
+    """The OpenAPI document, for programs."""
     document: dict[str, Any] = request.app.openapi()
     return document
 
 
 @router.get("/docs")
 def docs() -> HTMLResponse:
-    """The interface, for people; nothing is loaded from elsewhere."""
+    """The OpenAPI document as a page, for people. It loads nothing from other servers."""
     html = DOCS.read_text(encoding="utf-8")
     return HTMLResponse(html, headers={"Content-Security-Policy": _policy(html), "Cache-Control": "no-cache"})
 
@@ -81,7 +81,9 @@ def _answer(file: WebFile, headers: dict[str, str], accepted: str) -> Response:
 
 @cache
 def _policy(html: str) -> str:
-    """A content security policy that allows what stands in the page, by hash, and requests to this server."""
+    """A content security policy that allows the page's inline scripts and styles, by hash, and requests to this
+    server.
+    """
 
     def hashes(tag: str) -> str:
         found = re.findall(rf"<{tag}>(.*?)</{tag}>", html, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""Recordings: of a stream, started and stopped; the list of them; and playing one as a stream of its own."""
+"""Recordings: starting and stopping a recording of a stream, listing recordings, and playing one as a stream."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FULL: dict[int | str, dict[str, Any]] = {
 
 
 class RecordBody(BaseModel):
-    """When a recording ends by itself; never later than the server allows."""
+    """When a recording ends by itself; at the latest at the server's limits."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -52,7 +52,7 @@ class RecordBody(BaseModel):
 
 
 class PlayBody(BaseModel):
-    """The stream that a recording becomes."""
+    """The stream as which a recording is played."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -71,7 +71,7 @@ class PlayBody(BaseModel):
 
 
 class SteerBody(BaseModel):
-    """What is to become of a playback; what is left out stays."""
+    """A change of a playback; fields that are left out stay as they are."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -84,7 +84,7 @@ class SteerBody(BaseModel):
 
 
 class PlayingAnswer(BaseModel):
-    """A playback: the stream that it is, and how far it came."""
+    """A playback: its stream and its position."""
 
     vehicle: str
     sensor: str
@@ -99,16 +99,16 @@ class PlayingAnswer(BaseModel):
 
     @classmethod
     def of(cls, state: dict[str, Any]) -> PlayingAnswer:
-        """From what the playback tells."""
+        """From the state of the playback."""
         return cls(
             since=_time(state["since_ns"]), **{name: value for name, value in state.items() if name != "since_ns"}
         )
 
 
 class RecordingAnswer(BaseModel):
-    """A recording. `recording`: it runs, in this server or in another one with this folder (`reason` says so then).
+    """A recording. `recording`: it is running in this server, or in another server with this folder (see `reason`).
 
-    `interrupted`: its server ended while it ran; what came until then is there.
+    `interrupted`: its server stopped during the recording; everything before that is there.
     """
 
     id: str
@@ -125,7 +125,7 @@ class RecordingAnswer(BaseModel):
 
     @classmethod
     def of(cls, recording: Recording, playing: dict[str, Any] | None) -> RecordingAnswer:
-        """From what the shelf knows."""
+        """From the data of the shelf."""
         return cls(
             id=recording.id,
             vehicle=recording.vehicle,
@@ -158,7 +158,7 @@ async def start(
 
 @router.get("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
 async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) -> RecordingAnswer:
-    """The recording of a stream that runs now."""
+    """The running recording of a stream."""
     found = recordings.of(keys)
     if found is None:
         raise ProblemError(404, f"{keys.vehicle}/{keys.sensor} is not being recorded", "unknown-recording")
@@ -169,7 +169,7 @@ async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) ->
 async def stop(
     recordings: TheRecordings, keys: TheStream, operation: Annotated[Operation, operates("record-stop")]
 ) -> RecordingAnswer:
-    """End the recording of a stream; answered when everything is on the disk."""
+    """End the recording of a stream. The answer comes when everything is on the disk."""
     with _problems():
         ended = await recordings.stop(keys)
     operation.about = {"recording": ended.id}
@@ -207,7 +207,7 @@ async def play(
     operation: Annotated[Operation, operates("play")],
     body: Annotated[PlayBody | None, Body()] = None,
 ) -> PlayingAnswer:
-    """Play a recording as a stream of its own, which is then seen and changed as any other."""
+    """Play a recording as a stream of its own. It can then be viewed and changed like any other stream."""
     wanted = body or PlayBody()
     check_settings_size(wanted.settings)
     check_names(wanted.settings.get("codec_settings"))
@@ -227,7 +227,7 @@ async def play(
 async def steer(
     recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("play-steer")], body: SteerBody
 ) -> PlayingAnswer:
-    """Hold a playback, have it go on from another place, faster, or in a loop; from its next frame on."""
+    """Pause a playback, move it, or change its speed or loop, from its next frame on."""
     operation.about |= body.model_dump(exclude_none=True)
     with _problems():
         playing = recordings.steer(id, **body.model_dump())
@@ -249,7 +249,7 @@ async def stop_playing(
 
 @contextmanager
 def _problems() -> Iterator[None]:
-    """What goes wrong with recordings, as problems."""
+    """Turns errors of recordings into problems."""
     try:
         yield
     except MissingRecordingError as error:

@@ -1,4 +1,4 @@
-"""`/api/v1/session` and `/api/v1/settings`: what a program that shows controls has to know before it shows them."""
+"""`/api/v1/session` and `/api/v1/settings`: what a user interface needs to know before it shows controls."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/api/v1", tags=["session"])
 
 
 class SessionAnswer(BaseModel):
-    """Who asks, and what they may do."""
+    """The client and its permissions."""
 
     name: str | None = Field(description="Name of the token; the address of the client if no token is needed.")
     role: Role | None = Field(
@@ -34,8 +34,8 @@ class SessionAnswer(BaseModel):
 
 @router.get("/session")
 def session(service: TheService, connection: HTTPConnection) -> SessionAnswer:
-    """Who the server takes the client for. Needs no token, so that a page can ask whether one is needed; one that does
-    not work is refused as anywhere."""
+    """The client as the server sees it. This needs no token, so that a page can ask whether one is needed. An invalid
+    token is refused as everywhere."""
     needed, version = service.tokens.needed, lidarcodec.__version__
     if needed and not offers_token(connection):
         return SessionAnswer(name=None, role=None, token_needed=True, version=version)
@@ -45,9 +45,9 @@ def session(service: TheService, connection: HTTPConnection) -> SessionAnswer:
 
 @router.get("/settings")
 def settings_schema(client: Viewer) -> dict[str, Any]:
-    """JSON schema of the settings that all codecs have in common; `GET /api/v1/codecs` has each codec's own. Where a
-    setting takes one of a few names they are its `enum`, and where it takes other texts, too, its `examples`. `free` is
-    the value with which a setting is not set, and left to a target bitrate."""
+    """JSON schema of the settings that all codecs have in common; `GET /api/v1/codecs` has each codec's own settings.
+    `enum` lists the names that a setting allows; if it also allows other texts, `examples` lists them. `free` is the
+    value of a setting that leaves it to the target bitrate."""
     return _schema()
 
 

@@ -1,4 +1,4 @@
-"""`/api/v1/streams/{vehicle}/{sensor}/settings` and `/keyframe`: what an operator changes while the vehicle drives."""
+"""`/api/v1/streams/{vehicle}/{sensor}/settings` and `/keyframe`: changes of a running stream by operators."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/api/v1/streams/{vehicle}/{sensor}", tags=["settings"
 
 
 def change_schema() -> dict[str, Any]:
-    """JSON schema of a partial StreamSettings: each field may be left out, one has to be there."""
+    """JSON schema of some StreamSettings: every field may be left out, but at least one is needed."""
     schema = StreamSettings.model_json_schema()
     fields = {name: {k: v for k, v in about.items() if k != "default"} for name, about in schema["properties"].items()}
     return {
@@ -39,8 +39,8 @@ CHANGE = {"requestBody": {"required": True, "content": {"application/json": {"sc
 
 @router.get("/settings")
 def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAnswer:
-    """The settings in force, and those that operators want. The vehicle is asked; where many ask, or it does not
-    answer, the settings are those that it told last."""
+    """The settings in force, and those that operators want. The server asks the vehicle. If many clients ask, or the
+    vehicle does not answer, the answer has the settings that it reported last."""
     known_stream(service, keys)
     with service.limits.look(keys) as may_ask:
         return SettingsAnswer.of(service.control.state(keys, ask=may_ask))
@@ -61,7 +61,8 @@ async def change(
     response: Response,
     strict: Annotated[bool, Query(description="Refuse a target bitrate that is out of reach, with 422.")] = False,
 ) -> ChangeAnswer:
-    """Change some settings, all or none, between two frames. What is set here wins over the vehicle's command line."""
+    """Change some settings between two frames: either all of the given ones or none. Settings that are set here
+    override the vehicle's command line."""
 
     def work() -> State:
         with service.limits.slot(operation.client.name, keys):
@@ -85,7 +86,8 @@ def _check_reach(state: State, changes: dict[str, Any]) -> None:
 
 @router.delete("/settings")
 def forget(service: TheService, keys: TheStream, operation: Annotated[Operation, operates("forget")]) -> SettingsAnswer:
-    """Forget what operators set. The vehicle keeps what it has; when it starts again, its command line decides."""
+    """Delete the settings that operators set. The vehicle keeps its current settings until it restarts; then its
+    command line applies."""
     known_stream(service, keys)
     with service.limits.slot(operation.client.name, keys):
         return SettingsAnswer.of(service.control.forget(keys, operation.client.name, operation.entered))
@@ -95,7 +97,7 @@ def forget(service: TheService, keys: TheStream, operation: Annotated[Operation,
 def keyframe(
     service: TheService, keys: TheStream, operation: Annotated[Operation, operates("keyframe")]
 ) -> KeyFrameAnswer:
-    """Have the next message be a key frame. Requests within half a second are one."""
+    """Make the next message a key frame. Requests within half a second are merged into one."""
     known_stream(service, keys)
     with service.limits.slot(operation.client.name, keys):
         answer = KeyFrameAnswer(**service.control.key_frame(keys))

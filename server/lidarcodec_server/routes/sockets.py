@@ -1,4 +1,4 @@
-"""`WS .../cloud` and `WS .../frames`: a stream live, decoded or as the vehicle sent it (docs/live-sockets.md)."""
+"""`WS .../cloud` and `WS .../frames`: a live stream, decoded or as the vehicle sent it (docs/live-sockets.md)."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ router = APIRouter(prefix="/api/v1/streams", tags=["live"])
 
 @router.websocket("/{vehicle}/{sensor}/cloud")
 async def cloud(websocket: WebSocket, client: Viewer, known: Known, hub: Hub, fills: Fills) -> None:
-    """Decoded frames, the newest only."""
+    """Send decoded frames, only the newest."""
     await _serve(websocket, client, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params, fills)))
 
 
 @router.websocket("/{vehicle}/{sensor}/frames")
 async def frames(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
-    """Messages as the vehicle sent them, the newest that this viewer can decode."""
+    """Send messages as the vehicle sent them, the newest ones that this viewer can decode."""
     await _serve(websocket, client, hub, known.keys, FramesViewer(FramesOptions.of(websocket.query_params)))
 
 

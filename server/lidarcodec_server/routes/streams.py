@@ -1,4 +1,4 @@
-"""`/api/v1/streams`: which streams there are, and what each of them does."""
+"""`/api/v1/streams`: all streams, with settings and status."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ router = APIRouter(prefix="/api/v1/streams", tags=["streams"])
 
 @router.get("")
 def streams(service: TheService, client: Viewer) -> list[StreamAnswer]:
-    """All streams that were seen, or that settings are kept for, by name."""
+    """All streams that were seen or have stored settings, sorted by name."""
     return [StreamAnswer.of(stream) for stream in service.streams()]
 
 

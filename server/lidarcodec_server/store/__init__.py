@@ -1,1 +1,1 @@
-"""The store: what has to survive a restart, and the database that it is in."""
+"""The store: the data that survives a restart, and its database."""

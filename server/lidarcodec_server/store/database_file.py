@@ -1,7 +1,7 @@
-"""The file of an SQLite database: readable by its owner only, with a note beside it that tokens were needed.
+"""The file of an SQLite database: readable by its owner only, with a note next to it once tokens are needed.
 
-The note survives when the database is deleted under a running server, or restored from a copy without tokens. A server
-that finds it needs a token for every access: `serve --open` removes it.
+The note stays when the database is deleted while the server runs, or restored from a copy without tokens. A server that
+finds the note needs a token for every access; `serve --open` removes the note.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ NOTE: Final = "Tokens are needed here. Without this file, and without tokens in 
 
 
 def file_of(url: sa.URL) -> Path | None:
-    """The file of a database; None for one that is no file."""
+    """The file of a database; None if it is not a file."""
     if url.get_backend_name() != "sqlite" or url.database in (None, "", ":memory:"):
         return None
     return Path(str(url.database)).absolute()
 
 
 def make(file: Path) -> None:
-    """Make the file and its folder if they are not there, and close the file to others.
+    """Make the file and its folder if they do not exist, and make the file private.
 
     Raises StoreError.
     """
@@ -48,23 +48,23 @@ def make(file: Path) -> None:
 
 
 class Opened(NamedTuple):
-    """Device and inode of a database, and of the write-ahead log beside it, which tell them from others of the same
-    names. log: None where there is no log."""
+    """Device and inode of a database and of its write-ahead log. They tell these files from later files with the same
+    names. log: None if there is no log"""
 
     database: tuple[int, int]
     log: tuple[int, int] | None
 
 
 def opened(file: Path) -> Opened | None:
-    """What has the database's name now; None if nothing has."""
+    """The files that have the database's name now; None if there is no database."""
     database = _identity(file)
     return None if database is None else Opened(database, _identity(_log_of(file)))
 
 
 def remove_log(file: Path, of: Opened) -> None:
-    """Remove the write-ahead log of a database that has gone, before SQLite reads its pages as those of the new one.
+    """Remove the write-ahead log of a deleted database, before SQLite applies its pages to the new database.
 
-    of: what had the names before. The log of the new database, which came with it, stays.
+    of: the earlier files. A log that belongs to the new database stays
     """
     if of.log is not None and _identity(_log_of(file)) == of.log:
         for name in ("-wal", "-shm"):
@@ -84,7 +84,7 @@ def _identity(file: Path) -> tuple[int, int] | None:
 
 
 def close_to_others(file: Path) -> None:
-    """Let only its owner read a file; one that belongs to somebody else is left as it is."""
+    """Make a file readable by its owner only. A file of another user is not changed."""
     with contextlib.suppress(OSError):
         if file.stat().st_mode & 0o077:
             file.chmod(PRIVATE)
@@ -92,13 +92,14 @@ def close_to_others(file: Path) -> None:
 
 
 def note_of(file: Path) -> Path:
-    """The note beside a database."""
+    """The path of a database's note."""
     return file.with_name(f"{file.stem}.needs-tokens")
 
 
 def write_note(file: Path) -> None:
-    """Write the note; where there is no room for its text an empty one does, and where none can be made, the database
-    alone says so."""
+    """Write the note. On a full disk an empty note is enough; if no note can be made, only the database has the
+    fact.
+    """
     note = note_of(file)
     try:
         if not note.exists():

@@ -1,4 +1,4 @@
-"""Engines of the databases that a store uses: none waits without a limit."""
+"""SQLAlchemy engines for the store: every wait has a time limit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BUSY_S: Final = 5.0
 
 
 def engine_of(url: sa.URL) -> Engine:
-    """An engine; each of its waits has a limit."""
+    """Make an engine; each of its waits has a time limit."""
     if url.get_backend_name() == "sqlite":
         engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
         sa.event.listen(engine, "connect", _sqlite_connects)
@@ -32,7 +32,7 @@ def engine_of(url: sa.URL) -> Engine:
 
 
 def _sqlite_connects(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # transactions are ours: the driver's would leave out changes of the schema
+    connection.isolation_level = None  # we begin transactions ourselves: the driver's would not include schema changes
     for pragma in ("journal_mode=WAL", f"busy_timeout={int(1e3 * BUSY_S)}", "synchronous=FULL"):
         connection.execute(f"PRAGMA {pragma}").close()
 

@@ -1,6 +1,6 @@
-"""with_password: a database URL and its password, which lies in a file of its own.
+"""with_password: a database URL with a password from a separate file.
 
-Docker and systemd hand secrets over like this. All users that can inspect a process could read its environment.
+Docker and systemd provide secrets as files. An environment variable is less safe: other programs can often read it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lidarcodec.errors import SettingsError
 def with_password(url: str | None, file: Path) -> str:
     """The URL with the first line of the file as its password.
 
-    Raises SettingsError when the file is not there or too long, and when there is no URL or it has a password already.
+    Raises SettingsError if the file is missing or too long, or if there is no URL or it already has a password.
     """
     try:
         password = read_file(file, "secret").decode().partition("\n")[0].rstrip("\r")

@@ -1,8 +1,8 @@
-"""How long the server waits for a database on the network, which may be cut off, or stand still, without a word.
+"""Time limits for a database on the network, which may become unreachable without an error.
 
-What the database is told of limits (`statement_timeout`) holds only while it works. So a connection that is in use for
-too long is shut from here, and after that nobody but one asks for a while: the others are refused at once. Otherwise
-all threads of the server would wait, and requests that need no database with them.
+The database's own limits (`statement_timeout`) work only while it works. So the server closes a connection that is in
+use for too long. After that only one thread at a time asks the database, and all others are refused at once. Otherwise
+all threads would wait, and requests that need no database would wait for a thread.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from sqlalchemy.engine import Engine
 from sqlalchemy.exc import DBAPIError, DisconnectionError, SQLAlchemyError
 
 STUCK_S: Final = 6.0
-"""A connection may be in use so long: somewhat longer than the database itself lets a statement take."""
+"""Longest use of a connection: somewhat longer than the database's own limit of a statement."""
 LONG_S: Final = 1.0
-"""Failures sooner than this delay no client."""
+"""A failure within this time does not count as a delay."""
 REST_S: Final = 5.0
-"""Until a database that did not answer is asked again."""
+"""Wait before a database that did not answer is asked again."""
 _SHUT, _TIMER = "shut", "timer"
 
 
 def never_for_ever(engine: Engine, limit_s: float = STUCK_S) -> None:
-    """Shut connections that are in use for longer than `limit_s`, and try each one before it is used."""
+    """Close connections that are in use for longer than `limit_s`, and test each connection before its use."""
 
     def connects(connection: Any, record: Any) -> None:
-        # A handle of our own: that of the driver may be another connection's by the time it is shut.
+        # A duplicate of the handle: the driver's own may belong to another connection when this one is closed.
         record.info[_SHUT] = socket.socket(fileno=os.dup(connection.fileno()))
 
     def goes_out(connection: Any, record: Any, _: object) -> None:
@@ -77,7 +77,7 @@ def _shut(handle: socket.socket) -> None:
 
 
 class Patience:
-    """Whether a database is asked at all. Thread-safe.
+    """Decides whether to ask the database. Thread-safe.
 
     >>> clock = [0.0]
     >>> patience = Patience(lambda: clock[0])
@@ -87,7 +87,7 @@ class Patience:
     >>> try:
     ...     with patience.asking(OSError): pass
     ... except OSError as error: print(error)
-    it did not answer and will be asked again soon
+    it did not answer; it is asked again soon
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -97,15 +97,15 @@ class Patience:
 
     @contextmanager
     def asking(self, refusal: type[Exception]) -> Iterator[None]:
-        """Ask the database. While it rests, one asks each time that the rest is over.
+        """Ask the database. After a failure there is a pause; after each pause one thread asks again.
 
-        Raises `refusal` for the others.
+        Raises `refusal` during the pause.
         """
         with self._lock:
             began_s = self._clock()
             if self._rest_until_s is not None:
                 if began_s < self._rest_until_s:
-                    raise refusal("it did not answer and will be asked again soon")
+                    raise refusal("it did not answer; it is asked again soon")
                 self._rest_until_s = began_s + REST_S + STUCK_S
         try:
             yield
@@ -120,7 +120,7 @@ class Patience:
 
 
 def _answered(error: Exception) -> bool:
-    """Whether an error is the database's own, or none of the database at all."""
+    """Whether the database itself answered with this error, or the error is not about the database."""
     if isinstance(error, DBAPIError):
         return getattr(error.orig, "sqlstate", None) is not None
     return not isinstance(error, SQLAlchemyError)

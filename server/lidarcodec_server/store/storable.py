@@ -1,4 +1,4 @@
-"""Text as a database takes it: what clients send may hold what no database keeps.
+"""Replaces characters that a database cannot store in the data of clients.
 
 >>> storable({"co\\ud800dec": ["a\\x00b", 1.5, None]})
 {'co\\ufffddec': ['a\\ufffdb', 1.5, None]}
@@ -13,7 +13,7 @@ _NOT: Final = re.compile("[\x00\ud800-\udfff]")
 
 
 def storable(value: Any) -> Any:
-    """The same value, with U+FFFD for NUL and for halves of surrogate pairs in its texts and names."""
+    """The same value, with U+FFFD instead of NUL and lone surrogates in its texts and names."""
     if isinstance(value, str):
         return _NOT.sub("\ufffd", value)
     if isinstance(value, dict):

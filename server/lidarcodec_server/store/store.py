@@ -1,7 +1,7 @@
 """Store: the data that survives a restart: tokens, the settings that operators want, and the audit log.
 
 Any SQLAlchemy URL works; SQLite and PostgreSQL are tested. Every method is one transaction, blocks, and raises
-StoreError, whose text names no password.
+StoreError. Its text never contains a password.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ logger = logging.getLogger(__name__)
 
 NEEDED = "tokens-needed"
 PRUNE_EVERY = 256
-"""How many entries of the audit log are written between two looks at its length."""
+"""Number of entries between two checks of the length of the audit log."""
 
 
 class Token(NamedTuple):
-    """A token as it is kept: its digest, never itself."""
+    """A stored token: only its digest, never the token itself."""
 
     name: str
     role: str
@@ -48,7 +48,7 @@ class Token(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """An entry of the audit log. vehicle, sensor: empty where it concerns no stream"""
+    """An entry of the audit log. vehicle, sensor: empty if it is not about a stream"""
 
     id: int
     vehicle: str
@@ -68,7 +68,7 @@ class Store:
     """The database of a server. Thread-safe."""
 
     def __init__(self, url: str, *, max_streams: int = 256, audit_rows: int = 1_000_000) -> None:
-        """Raises SettingsError for what is no URL of a database whose driver is there."""
+        """Raises SettingsError for an invalid URL, or if the driver of the database is not installed."""
         self._max_streams, self._audit_rows, self._written = max_streams, audit_rows, 0
         self._warnings = SparseLog(logger)
         try:
@@ -82,7 +82,7 @@ class Store:
             self._opened: database_file.Opened | None = None
             self._following = threading.Lock()
             self._write_failed = False
-        except ArgumentError:  # its text may hold the password
+        except ArgumentError:  # its text may contain the password
             raise SettingsError(
                 "the database URL is not valid: write for example sqlite:///server.db", "database_url"
             ) from None
@@ -90,7 +90,7 @@ class Store:
             raise SettingsError(f"the driver of {self.name} is not installed: {error}", "database_url") from None
 
     def open(self, *, create: bool = True) -> None:
-        """Connect, and bring the schema up to date. create: make the file of a database that is none yet.
+        """Connect, and bring the schema up to date. create: make the file if it does not exist
 
         Raises StoreError.
         """
@@ -104,11 +104,11 @@ class Store:
             self._opened = database_file.opened(file)
 
     def close(self) -> None:
-        """Give back all connections."""
+        """Close all connections."""
         self._engine.dispose()
 
     def ready(self) -> bool:
-        """Whether the database answers; after a change that failed, whether it takes changes again."""
+        """Whether the database answers; after a failed change, whether it accepts changes again."""
         try:
             if self._write_failed:
                 with self._writing() as connection:
@@ -123,15 +123,15 @@ class Store:
     # --- tokens -----------------------------------------------------------------------------------------------------
 
     def tokens(self) -> list[Token]:
-        """All that were ever made, revoked ones too, oldest first."""
+        """All tokens that were ever made, including revoked ones, oldest first."""
         columns = [tokens.c[name] for name in Token._fields]
         with self._reading() as connection:
             return [Token(*row) for row in connection.execute(sa.select(*columns).order_by(tokens.c.id))]
 
     def add_token(self, name: str, role: str, digest: str, who: str = "") -> None:
-        """Keep a new token.
+        """Store a new token.
 
-        Raises SettingsError when the name was used before: the audit log has to stay unambiguous.
+        Raises SettingsError if the name was used before: names in the audit log must stay unambiguous.
         """
         values = {"name": name, "role": role, "digest": digest, "created_ns": time.time_ns()}
         try:
@@ -144,7 +144,7 @@ class Store:
         self._write_note()
 
     def revoke_token(self, name: str, who: str = "") -> bool:
-        """Make a token worthless. False if there is none of that name that still works."""
+        """Revoke a token. False if there is no valid token of that name."""
         change = sa.update(tokens).where(tokens.c.name == name, tokens.c.revoked_ns.is_(None))
         with self._writing() as connection:
             if connection.execute(change.values(revoked_ns=time.time_ns())).rowcount != 1:
@@ -153,20 +153,20 @@ class Store:
             return True
 
     def tokens_needed(self) -> bool:
-        """Whether a token was ever needed here, also if all tokens are gone: deleted, or with the whole database."""
+        """Whether a token was ever needed here, even if all tokens, or the whole database, were deleted since."""
         if self._file is not None and database_file.note_of(self._file).exists():
             return True
         with self._reading() as connection:
             return connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is not None
 
     def need_tokens(self) -> None:
-        """Notes that tokens are needed from now on, even when all are revoked."""
+        """Note that tokens are needed from now on, even when all are revoked."""
         with self._writing() as connection:
             self._need(connection)
         self._write_note()
 
     def forget_needed(self, who: str) -> None:
-        """Let everybody in again as long as no token is made; entered into the audit log."""
+        """Allow access without a token again until a token is made. This gets an entry in the audit log."""
         if not self.tokens_needed():
             return
         with self._writing() as connection:
@@ -178,12 +178,12 @@ class Store:
     # --- settings that operators want -------------------------------------------------------------------------------
 
     def desired(self, keys: StreamKeys) -> dict[str, Any]:
-        """The settings that an operator set for a stream; empty when none did."""
+        """The settings that operators set for a stream; empty if there are none."""
         with self._reading() as connection:
             return self._desired(connection, keys)
 
     def all_desired(self) -> list[StreamKeys]:
-        """The streams that an operator set something for, by name."""
+        """The streams with settings of operators, sorted by name."""
         query = sa.select(desired.c.vehicle, desired.c.sensor).order_by(desired.c.vehicle, desired.c.sensor)
         with self._reading() as connection:
             return [StreamKeys(*row) for row in connection.execute(query)]
@@ -197,10 +197,10 @@ class Store:
         old: dict[str, Any] | None,
         wanted: dict[str, Any] | None = None,
     ) -> int:
-        """Enter into the audit log what is about to happen, and keep what is wanted from now on, if it is given; the
-        entry's id. An empty `wanted` forgets what was kept.
+        """Write an audit entry for a change that is about to happen, and store the wanted settings, if given.
+        Returns the entry's id. An empty `wanted` deletes the stored settings.
 
-        Raises SettingsError when settings are kept for as many streams as are allowed.
+        Raises SettingsError if the limit of streams with stored settings is reached.
         """
         with self._writing() as connection:
             if wanted is not None:
@@ -216,14 +216,14 @@ class Store:
         old: dict[str, Any] | None = None,
         **outcome: Any,
     ) -> int:
-        """Enter into the audit log what has happened; the entry's id. outcome: `result`, and `new`, `reason`,
+        """Write an audit entry for something that has happened. Returns its id. outcome: `result`, and `new`, `reason`,
         `first_frame`
         """
         with self._writing() as connection:
             return self._enter(connection, keys, who, action, changes, old, **outcome)
 
     def recount(self, entry: int, changes: dict[str, Any]) -> None:
-        """Change what an entry of the audit log counts."""
+        """Update the count in an entry of the audit log."""
         with self._writing() as connection:
             connection.execute(sa.update(audit).where(audit.c.id == entry).values(changes=storable(changes)))
 
@@ -236,7 +236,7 @@ class Store:
         first_frame: int | None = None,
         restore: tuple[StreamKeys, dict[str, Any]] | None = None,
     ) -> None:
-        """Enter what came of it; `restore` puts back the settings that were wanted before."""
+        """Write the result of a change into its entry. restore: restores the wanted settings of before"""
         values: dict[str, Any] = {"result": result, "reason": storable(reason), "first_frame": first_frame}
         values["new"] = sa.null() if new is None else storable(new)
         with self._writing() as connection:
@@ -245,8 +245,8 @@ class Store:
                 self._keep(connection, *restore, time.time_ns())
 
     def audit(self, keys: StreamKeys | None, limit: int = 100, before: int | None = None) -> list[Entry]:
-        """Entries, newest first, of a stream, or of all and of what concerns none; `before` goes on behind the last one
-        of the page before.
+        """Entries of a stream, newest first; without `keys` all entries. before: id of the last entry of the previous
+        page
         """
         query = sa.select(*[audit.c[name] for name in Entry._fields])
         if keys is not None:
@@ -263,7 +263,7 @@ class Store:
             connection.execute(sa.insert(facts).values(name=NEEDED, at_ns=time.time_ns()))
 
     def _write_note(self) -> None:
-        """Afterwards: a token that could not be kept must close no server."""
+        """Called after the transaction: if a token could not be stored, it must not lock the server."""
         if self._file is not None:
             database_file.write_note(self._file)
 
@@ -350,9 +350,9 @@ class Store:
             upgrade(connection)
 
     def _follow_file(self) -> None:
-        """Use the file that has the database's name now: connections to one that was removed would keep nothing.
+        """Use the file that has the database's name now: changes in a removed file would be lost.
 
-        Raises StoreError if there is none, or none that can be used.
+        Raises StoreError if there is no such file, or it cannot be used.
         """
         if self._file is None or self._opened is None:
             return
@@ -367,7 +367,7 @@ class Store:
             database_file.remove_log(self._file, self._opened)
             self._upgrade()
             self._opened = database_file.opened(self._file)
-            logger.warning("another database is now at %s and is used from here on", self._file)
+            logger.warning("the database at %s was replaced; the new one is now in use", self._file)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -384,11 +384,11 @@ class Store:
 
 
 class _RestsError(Exception):
-    """The database did not answer, and is not asked for a while."""
+    """The database did not answer, and is not asked for a short time."""
 
 
 class _TakenError(StoreError):
-    """A row of that name is there."""
+    """There is already a row with this name."""
 
 
 def _of(keys: StreamKeys) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:

@@ -12,7 +12,7 @@ metadata = MetaData(
     }
 )
 
-_Id = BigInteger().with_variant(Integer, "sqlite")  # SQLite counts up only what is called INTEGER
+_Id = BigInteger().with_variant(Integer, "sqlite")  # SQLite numbers only INTEGER columns automatically
 
 tokens = Table(
     "tokens",
@@ -32,7 +32,7 @@ facts = Table(
     Column("name", String(32), primary_key=True),
     Column("at_ns", BigInteger, nullable=False),
 )
-"""What is true of a server since a time: `tokens-needed`."""
+"""Facts about a server, with the time since when they hold, such as `tokens-needed`."""
 
 desired = Table(
     "desired",
@@ -42,7 +42,7 @@ desired = Table(
     Column("settings", JSON, nullable=False),
     Column("updated_ns", BigInteger, nullable=False),
 )
-"""settings: those that an operator set, and the codec that they were set for."""
+"""settings: the settings that operators set, and the codec to which they belong."""
 
 audit = Table(
     "audit",

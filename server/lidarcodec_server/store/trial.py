@@ -1,6 +1,7 @@
-"""try_a_change: whether a database takes changes, asked by one that leaves nothing behind.
+"""try_a_change: tests whether a database accepts changes, without changing it.
 
-A database that is full, read-only, locked by another program or without tables still answers, and begins a transaction.
+This is needed because a database that is full, read-only, locked or without tables still answers queries and begins
+transactions.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from sqlalchemy.engine import Connection
 from lidarcodec_server.store.tables import audit, desired, facts, tokens
 
 ENTRY_BYTES: Final = 16_384
-"""More than what is free in the pages that a table has; at random, so that it cannot be compressed."""
+"""More data than fits into the free space of a table's pages. It is random, so it cannot be compressed."""
 
 
 def try_a_change(connection: Connection) -> None:
-    """Write an entry to the audit log and delete it, and lock the other tables as a change does.
+    """Write an entry to the audit log, delete it, and lock the other tables as a change does.
 
-    Raises what the database raises; so may the end of the transaction.
+    Raises errors of the database; the end of the transaction may raise them, too.
     """
     for table in (desired, tokens, facts):
         connection.execute(sa.delete(table).where(sa.false()))

@@ -1,4 +1,4 @@
-"""Tokens, desired settings, the audit log, and facts: what is true of a server from some day on."""
+"""Tokens, desired settings, the audit log, and facts: lasting properties of a server, such as `tokens-needed`."""
 
 from __future__ import annotations
 
