@@ -32,7 +32,7 @@ def run(
 ) -> None:
     """Annotate, and print a summary."""
     check_finite(spec, frames)
-    if given["refine"] is None:  # poses of files are rarely exact to a centimetre; those of the simulator are
+    if given["refine"] is None:  # poses from files are rarely exact to a centimetre; the simulator's are
         given["refine"] = poses is not None
     chained = given["odometry"] is not None
     given["odometry"] = given["odometry"] or "auto"

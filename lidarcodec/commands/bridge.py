@@ -66,7 +66,7 @@ def ros2(
         Option("--frame-id", metavar="NAME", help="frame_id; only for a single stream. Default: VEHICLE/SENSOR."),
     ] = None,
     world: Annotated[
-        str, Option("--world", metavar="NAME", help="Name of the world frame, in which poses are given.")
+        str, Option("--world", metavar="NAME", help="Name of the frame in which poses are given.")
     ] = "map",
     tf: Annotated[bool, Option("--tf/--no-tf", help="Publish poses on /tf if a stream has them.")] = True,
     fill: Annotated[
@@ -144,7 +144,7 @@ def _domain(given: int | None) -> int:
 
 
 def _run(bridge: Bridge, as_json: bool) -> None:
-    """Run a bridge until a signal comes or all streams have ended, and print a summary."""
+    """Run a bridge until a signal arrives or all streams have ended, and print a summary."""
     keep_standard_output()
     show = sys.stderr.isatty()
     with stoppable(bridge.interrupt) as stopped, bridge:

@@ -21,12 +21,13 @@ VEHICLE, SENSOR = "vehicle", "lidar"
 
 
 class CodedRecording:
-    """Encodes frame by frame; `close` writes what the codec holds back, and the index.
+    """Encodes frame by frame. `close` writes the frames that the codec still holds, and the index.
 
-    `write` and `close` raise RoundTripError when a message does not decode within the bounds of the settings.
+    `write` and `close` raise RoundTripError if a decoded message exceeds the error bounds of the settings.
 
-    frames, packets, positions: numbers taken so far; positions are position packets; payload_bytes: of the packets
-    left_out: frames left out to keep the target;  seconds: duration of all frames
+    frames, packets, positions: numbers of frames, packets and position packets so far
+    payload_bytes: size of the packets;  left_out: frames skipped to keep the target bitrate
+    seconds: duration of all frames
     coded: bytes of the messages;  clouds: whether points are written
     """
 
@@ -59,7 +60,7 @@ class CodedRecording:
     def _seconds_of(self, frame: Frame) -> None:
         if frame.sensor.is_hdl64e:
             self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
-        elif frame.side is not None:  # the packets of a turn are as many as the sensor likes
+        elif frame.side is not None:  # the number of packets in a turn depends on the sensor
             self._begin_ns = frame.stamp_ns if self._begin_ns is None else self._begin_ns
             self.seconds = (frame.stamp_ns - self._begin_ns + int(frame.side.packet_ns[-1])) * 1e-9
 

@@ -1,4 +1,4 @@
-"""`lidarcodec decode`: a recording into packets, images or points."""
+"""`lidarcodec decode`: writes a recording as packets, images or points."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool = False) -> None:
-    """Decode frame by frame; of a cut or damaged recording, all complete frames."""
+    """Decode frame by frame. A cut or damaged recording gives all its complete frames."""
     check_not_input(out, recording)
     check_output(out, force=force)
     recorded = RecordedFrames(recording)
@@ -60,7 +60,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
 
 @contextmanager
 def _opened(out: Path, beside: Path) -> Iterator[Output]:
-    """The output. It is completed at the end; after an error its files are only closed."""
+    """The open output. It is completed at the end; after an error its files are only closed."""
     writer = open_output(out, beside)
     try:
         yield writer

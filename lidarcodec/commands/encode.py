@@ -1,4 +1,4 @@
-"""`lidarcodec encode`: a source into a recording."""
+"""`lidarcodec encode`: writes a source as a recording."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def run(
             ),
             source.poses if poses else None,
         )
-        # A signal ends a live source after the packets received so far, which are the last frame.
+        # A signal ends a live source; the packets received so far are the last frame.
         watched = Watched(cut, (lambda: False) if source.live else stopped)
         chosen = islice(watched, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
@@ -77,7 +77,7 @@ def run(
                     encoder.learn(learn)
                 tick()
             coded.close()
-        # A live source without a number of frames is ended by a signal: the recording is complete.
+        # A live source without --frames ends only by a signal, so this recording is complete.
         part = frames is not None and stopped() and coded.frames < frames if source.live else watched.cut
         if part:
             output.only_part()
@@ -92,7 +92,7 @@ def run(
 
 
 def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:
-    """The error text for a recording above its target bitrate; None otherwise."""
+    """The error text if a recording exceeds its target bitrate; None otherwise."""
     if not isinstance(settings.target_kbps, int | float) or not coded.seconds:
         return None
     kbps = coded.coded * 8 / coded.seconds / 1e3
@@ -102,5 +102,5 @@ def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None
     set_here = f"you have set {', '.join(names)}; " if names else ""
     return (
         f"the target of {settings.target_kbps:g} kbit/s was missed: {kbps:.0f} kbit/s are needed ({set_here}choose "
-        "a higher target, or set less); with --allow-missed the exit code is 0"
+        "a higher target, or fewer settings); with --allow-missed the exit code is 0"
     )

@@ -1,4 +1,4 @@
-"""`--connect`, `--listen` and `--zenoh-config` to Endpoints."""
+"""Turns `--connect`, `--listen` and `--zenoh-config` into Endpoints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Given = tuple[list[str], list[str], Path | None]
 
 
 def endpoints_of(given: Given) -> Endpoints:
-    """Where to listen and connect.
+    """The endpoints on which to listen and to which to connect.
 
     Raises SettingsError for an invalid endpoint, TransportError when the configuration file is missing.
     """

@@ -1,4 +1,4 @@
-"""`lidarcodec health`: whether a publisher or a server of this machine is well, as an exit code."""
+"""`lidarcodec health`: checks whether a publisher or a server on this machine works. The result is the exit code."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ MAX_ANSWER_BYTES = 4096
 
 
 def run(file: Path | None, url: str | None) -> None:
-    """Print `well`.
+    """Print `well` if it works.
 
-    Raises SourceError that says what is not, SettingsError when it is not said who is asked about.
+    Raises SourceError if something is wrong, SettingsError unless exactly one of both arguments is given.
     """
     if (file is None) == (url is None):
         raise SettingsError("health needs --health-file FILE for a publisher, or --url URL for a server", "url")
@@ -52,7 +52,7 @@ def _of_server(url: str) -> list[str]:
 
 
 def _away(body: bytes) -> str:
-    """The parts that are not ready, as `/readyz` lists them; empty when it is another answer."""
+    """The parts that are not ready, from an answer of `/readyz`; empty for any other answer."""
     try:
         return ", ".join(name for name, ready in read_object(body, MAX_ANSWER_BYTES).items() if ready is False)
     except JsonRefusedError:
@@ -60,7 +60,8 @@ def _away(body: bytes) -> str:
 
 
 def _trust(host: str) -> ssl.SSLContext:
-    """Certificates as usual; on loopback any, because nobody else listens there and its name is another one."""
+    """Check certificates as usual. On loopback accept any certificate: it is issued for another name, and no other
+    machine can listen there."""
     context = ssl.create_default_context()
     try:
         loopback = ip_address(host).is_loopback

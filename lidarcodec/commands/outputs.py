@@ -1,6 +1,6 @@
-"""Where `decode` puts frames: packets (.pcap), images (.npz), points (.ply, .las), or a folder of KITTI .bin files.
+"""Output formats of `decode`: packets (.pcap), images (.npz), points (.ply, .las), or a folder of KITTI .bin files.
 
-All of them take frame after frame, so that a long recording needs no more memory than a short one.
+All of them write frame by frame, so a long recording needs no more memory than a short one.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 Array = npt.NDArray[Any]
 KITTI_FILES: Final = re.compile(r"\d{6,}\.bin|timestamps\.json")
-"""What a folder of KITTI .bin files holds."""
+"""Names of the files in a folder of KITTI .bin files."""
 
 
 class Output(Protocol):
-    """A file or folder that takes frames; `close` makes it whole."""
+    """A file or folder for frames; `close` completes it."""
 
     def write(self, frame: Frame) -> None:
         """Append one frame."""
@@ -40,7 +40,7 @@ class Output(Protocol):
 
 
 class PcapOutput:
-    """The packets as the sensor sent them, with their host times."""
+    """Writes the packets as the sensor sent them, with their host times."""
 
     def __init__(self, path: Path) -> None:
         self._handle = path.open("wb")
@@ -55,9 +55,9 @@ class PcapOutput:
 
 
 class NpzOutput:
-    """Images in the sensor's integers, a folder a frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`, `/index`,
-    `/stamp_ns`, `/column_ns` (HDL-64E), further planes by name (other sensors), and `/calibration`, the hash that names
-    the table in `calibration/HASH`."""
+    """Images with the sensor's integers, one folder for each frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`,
+    `/index`, `/stamp_ns`, `/column_ns` (HDL-64E), further planes by name (other sensors), and `/calibration`, the HASH
+    of the table `calibration/HASH`."""
 
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
@@ -99,8 +99,8 @@ class NpzOutput:
 
 
 class PlyOutput:
-    """Binary PLY: x y z in metres, intensity (16 bits of a sensor that sends so many), laser, ring, frame, and t in
-    seconds since the first point."""
+    """Binary PLY: x y z in metres, intensity (16 bits if the sensor sends 16), laser, ring, frame, and t in seconds
+    since the first point."""
 
     DTYPE: Final = np.dtype(
         [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"),
@@ -120,7 +120,8 @@ class PlyOutput:
         self._dtype = self.DTYPE
 
     def _write_header(self) -> None:
-        # The number of points is known at the end: it is written over the first one, padded to the same length.
+        # The number of points is known only at the end. It then overwrites the first number; both are padded to one
+        # length.
         properties = "".join(
             f"property {self.TYPE_NAMES[self._dtype[name].str[1:]]} {name}\n" for name in self._dtype.names or ()
         )
@@ -140,7 +141,7 @@ class PlyOutput:
         for name in ("x", "y", "z", "intensity", "laser", "ring"):
             rows[name] = cloud[name]
         if frame.index > np.iinfo(np.int32).max:
-            raise SettingsError(f"frame {frame.index} has a number that .ply cannot hold: write .npz or .pcap")
+            raise SettingsError(f"the number of frame {frame.index} is too large for .ply: write .npz or .pcap")
         rows["frame"] = frame.index
         rows["t"] = (cloud["t_ns"] - self._start_ns) * 1e-9
         self._handle.write(rows.tobytes())
@@ -153,8 +154,8 @@ class PlyOutput:
 
 
 class LasOutput:
-    """LAS 1.4 in millimetres: intensity spread to 16 bits, user_data = ring, point_source_id = laser, gps_time = host
-    time in seconds since the Unix epoch."""
+    """LAS 1.4 in millimetres: intensity scaled to 16 bits, user_data = ring, point_source_id = laser, gps_time =
+    host time in seconds since the Unix epoch."""
 
     STEP_M: Final = 0.001
 
@@ -176,7 +177,7 @@ class LasOutput:
         try:
             points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
         except OverflowError:
-            raise SettingsError(f"frame {frame.index} has points further away than .las can hold: write .ply") from None
+            raise SettingsError(f"points of frame {frame.index} are too far away for .las: write .ply") from None
         wide = cloud["intensity"].astype(np.uint16)
         points.intensity = wide * 257 if cloud["intensity"].dtype == np.uint8 else wide
         points.user_data = cloud["ring"]
@@ -191,8 +192,8 @@ class LasOutput:
 
 
 class KittiOutput:
-    """A file a frame, `000000.bin`: float32 x y z and reflectance (intensity / 255), ring by ring as KITTI orders them;
-    `timestamps.json` holds each frame's host time in ns."""
+    """One file for each frame, `000000.bin`: float32 x y z and reflectance (intensity / 255), ring by ring as in KITTI.
+    `timestamps.json` has the host time of each frame in ns."""
 
     def __init__(self, path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
@@ -228,8 +229,8 @@ def _suffix(path: Path) -> str:
 
 
 def check_output(path: Path, *, force: bool = False) -> None:
-    """Raise SettingsError if nothing can be written to a path that ends so, or it would replace what is to stay;
-    MissingExtraError if what writes it is not installed."""
+    """Raise SettingsError if the ending of a path is unknown, or writing would replace an existing output;
+    MissingExtraError if the library for this format is not installed."""
     suffix = _suffix(path)
     if suffix not in OUTPUTS:
         raise SettingsError(
@@ -243,14 +244,14 @@ def check_output(path: Path, *, force: bool = False) -> None:
 
 
 def contents_of(path: Path) -> re.Pattern[str] | None:
-    """Names of the files of an output that is a folder; None for one that is a file."""
+    """Names of the files in an output folder; None if the output is a file."""
     return None if _suffix(path) else KITTI_FILES
 
 
 def open_output(path: Path, beside: Path) -> Output:
-    """The output that the end of a path asks for, at a place to write to; a path without one is a folder of KITTI .bin
-    files.
+    """The output with the format of `path`'s ending, written to `beside`. A path without an ending is a folder of KITTI
+    .bin files.
 
-    Raises OSError when it cannot be written.
+    Raises OSError if it cannot be written.
     """
     return OUTPUTS[_suffix(path)](beside)

@@ -1,4 +1,4 @@
-"""Progress of long work, on a terminal only: a pipe or a log file gets none."""
+"""Progress bar of long work. It is shown only on a terminal, not in a pipe or a log file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(what: str, total: int | None = None) -> Iterator[Callable[[], None]]:
-    """Function to call after each step; draws a bar on stderr if that is a terminal."""
+    """Returns a function to call after each step. It draws a bar on stderr if that is a terminal."""
     if not sys.stderr.isatty():
         yield lambda: None
         return

@@ -1,4 +1,4 @@
-"""Frames out of a recording, whole or cut: every message that decodes, and a count of those that do not."""
+"""Frames of a complete or cut recording: decodes every message that can be decoded, and counts the others."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lidarcodec.sources import open_source
 class RecordedFrames:
     """Frames of a recording in order; iterate once.
 
-    failed: messages that could not be decoded, by what was wrong; counts: what the reader noticed (`cut`, `damaged`)
-    metadata: what the writer noted; message: the one that gave the frame in hand, None where packets were recorded
+    failed: messages that could not be decoded, by error; counts: damage that the reader found (`cut`, `damaged`)
+    metadata: metadata of the recording; message: the message of the current frame, None if packets were recorded
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError or SourceError if this is no recording."""
+        """Raises OSError or SourceError if it is not a recording."""
         self._path = path
         self.message: Message | None = None
         self.failed: Counter[str] = Counter()
@@ -36,9 +36,9 @@ class RecordedFrames:
             self._coded = next(reader.messages(), None) is not None
 
     def settings(self) -> StreamSettings | None:
-        """The settings that the writer noted; None if it noted none.
+        """The settings in the metadata; None if there are none.
 
-        Raises SourceError if this build cannot follow them.
+        Raises SourceError if this build does not know them.
         """
         text = self.metadata.get("settings")
         if text is None:
@@ -70,9 +70,9 @@ class RecordedFrames:
             self.counts = source.counts
 
     def warnings(self) -> list[str]:
-        """What the user has to know of what is missing, a sentence each; the reader itself warns of a cut file."""
+        """Warnings about missing frames, one sentence each. The reader itself warns about a cut file."""
         total = sum(self.failed.values())
         if not total:
             return []
         worst, _ = self.failed.most_common(1)[0]
-        return [f"{self._path}: {total} messages could not be decoded and were left out ({worst})"]
+        return [f"{self._path}: {total} messages could not be decoded and were skipped ({worst})"]

@@ -1,4 +1,4 @@
-"""`lidarcodec serve`: the server of a fleet, until a signal comes."""
+"""`lidarcodec serve`: runs the server of a fleet until a signal arrives."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from lidarcodec.commands.server_extra import server_config, server_module
 
 
 def run(given: Given, **values: Any) -> None:
-    """Serve until a signal comes."""
+    """Serve until a signal arrives."""
     config = server_config(endpoints=endpoints_of(given), **values)
-    # One that others reach is asked first whether they may; that needs its database.
+    # A server for other machines must first check for tokens, and that needs its database.
     listener = server_module("door.listening").begin(config) if config.loopback else None
     server = server_module("serve")
     if not stop_asked():

@@ -1,4 +1,4 @@
-"""The door to the server's package, which is an extra: nothing else here knows it, and it is imported by name."""
+"""Access to the server's package, which is an extra. Only this module knows it, and imports it by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lidarcodec.errors import MissingExtraError, SettingsError
 def server_module(name: str) -> Any:
     """A module of the server.
 
-    Raises MissingExtraError when what it needs is not installed.
+    Raises MissingExtraError if its packages are not installed.
     """
     try:
         return import_module(f"lidarcodec_server.{name}")
@@ -25,9 +25,9 @@ def server_module(name: str) -> Any:
 
 
 def server_config(*, database_url: str | None = None, database_password_file: Path | None = None, **values: Any) -> Any:
-    """A server's configuration; what is None takes its default.
+    """A server's configuration. None means the default.
 
-    Raises SettingsError when a value is not allowed, or there is no password in the file.
+    Raises SettingsError if a value is not allowed, or there is no password in the file.
     """
     if database_password_file is not None:
         database_url = server_module("store.passwords").with_password(database_url, database_password_file)

@@ -1,4 +1,5 @@
-"""`--codec` and `--set key=value` to StreamSettings: a field of those if there is one, else of the codec's own.
+"""Turns `--codec` and `--set key=value` into StreamSettings. A key is a field of StreamSettings if it has one of that
+name, otherwise a setting of the codec.
 
 >>> one_setting("zstd", ["level=9", "max_error_m=0.01"]).codec_settings
 {'level': 9}
@@ -23,15 +24,15 @@ from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.settings import StreamSettings, settings_from
 
 SHORT_NUMBER: Final = re.compile(r"[+-]?([0-9]+\.[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.IGNORECASE)
-"""What people write for a number that JSON has no such form of."""
+"""Forms of numbers that people write but JSON does not allow."""
 TEXTS: Final = frozenset(
     key for key, field in StreamSettings.model_fields.items() if field.annotation in (str, str | None)
 )
-"""Settings that are texts, also where the text looks like a number: `follow=7`."""
+"""Settings with a text value, even if the text looks like a number: `follow=7`."""
 
 
 def one_setting(codec: str | None, pairs: Sequence[str], link: str | None = None) -> StreamSettings:
-    """Settings that a codec can follow. link: name of a preset, for what is not given otherwise
+    """Valid settings of a codec. link: name of a preset for all settings that are not given
 
     Raises SettingsError with the key, or UnknownNameError.
     """
@@ -45,7 +46,7 @@ def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     """
     names: list[str | None] = [name.strip() for name in codecs.split(",")] if codecs else [None]
     if "" in names:
-        raise SettingsError(f"--codec {codecs}: there is an empty name beside a comma", "codec")
+        raise SettingsError(f"--codec {codecs}: a name is missing before or after a comma", "codec")
     choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
     return [check_offline(_settings(name, chosen)) for name in names for chosen in product(*choices)]
 
@@ -58,7 +59,7 @@ def _key_and_text(pair: str) -> tuple[str, str]:
 
 
 def _value(key: str, text: str) -> Any:
-    """The value that a text stands for: the text itself for settings that are texts, else a JSON scalar, a number like
+    """The value of a text: the text itself for settings with a text value, otherwise a JSON scalar, a number like
     .5, or the text if it is neither."""
     if key in TEXTS and text != "null":
         return text
@@ -81,9 +82,9 @@ def _settings(codec: str | None, pairs: Sequence[tuple[str, str]], link: str | N
 
 
 def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None = None) -> StreamSettings:
-    """Settings of a codec from plain values: fields of StreamSettings, else of the codec's own.
+    """Settings of a codec from plain values: fields of StreamSettings, otherwise settings of the codec.
 
-    link: name of a preset; what is given beside it wins
+    link: name of a preset; given values override it
     Raises SettingsError with the key, UnknownNameError, or MissingExtraError.
     """
     common: dict[str, Any] = {} if link is None else preset(link).settings

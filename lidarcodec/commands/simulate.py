@@ -1,4 +1,4 @@
-"""`lidarcodec simulate`: a simulated drive as a capture."""
+"""`lidarcodec simulate`: writes a simulated drive as a capture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lidarcodec.sources.simulator import SimulatorSource
 
 
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:
-    """Write the packets, and what describes the simulated sensor beside them, where every reader finds it."""
+    """Write the packets, and next to them the description of the simulated sensor, where readers find it."""
     if not spec.startswith("sim:"):
         raise SettingsError(f"simulate needs sim:city, sim:road, sim:street, sim:bend or sim:motorway, not {spec}")
     if out.suffix.lower() != ".pcap":

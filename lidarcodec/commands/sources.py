@@ -1,4 +1,4 @@
-"""What the commands ask of a source before they read it."""
+"""Checks of a source before a command reads it."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from lidarcodec.sources.spec import parse
 
 
 def is_endless(spec: str) -> bool:
-    """Whether reading this source would never end: a socket, or a simulated drive without a length."""
+    """Whether this source has no end: a socket, or a simulated drive without a length."""
     parsed = parse(spec)
     return parsed.scheme == "udp" or (parsed.scheme == "sim" and "frames" not in parsed.options)
 
 
 def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
-    """Raise SettingsError if reading this source would never end; a live one counts when `live_too`."""
+    """Raise SettingsError if this source has no end. Live sources are checked only with `live_too`."""
     if frames is None and is_endless(spec) and (live_too or parse(spec).scheme != "udp"):
         raise SettingsError(f"{spec} has no end: set its length with --frames N", "frames")
 
 
 def check_recorded(spec: str) -> None:
-    """Raise SettingsError if this source is live: what it gave once it never gives again."""
+    """Raise SettingsError if this source is live, because its packets cannot be read again."""
     if parse(spec).scheme == "udp":
         raise SettingsError(
             f"{spec} is live and cannot be read again: give the capture from which the recording was made"
@@ -29,7 +29,7 @@ def check_recorded(spec: str) -> None:
 
 
 def check_not_input(out: Path, spec: str | Path) -> None:
-    """Raise SettingsError if writing `out` would destroy what is read: opening it for writing empties it."""
+    """Raise SettingsError if writing `out` would overwrite the source: opening a file for writing empties it."""
     path = spec if isinstance(spec, Path) else parse(spec).path
     if not (out.exists() and path.exists()):
         return
@@ -39,12 +39,12 @@ def check_not_input(out: Path, spec: str | Path) -> None:
 
 
 def identity(spec: str) -> str:
-    """The same for what is the same source, however its path and the order of its options are written."""
+    """A text that is equal for equal sources, for any spelling of the path and any order of the options."""
     parsed = parse(spec)
     place = parsed.path.resolve() if parsed.path.exists() else parsed.place
     return f"{parsed.scheme}:{place}?{sorted(parsed.options.items())}"
 
 
 def readable(name: str | Path) -> str:
-    """A name as valid Unicode: bytes of a file name that are none become escapes, so that it can be stored."""
+    """A name as valid Unicode, so that it can be stored: invalid bytes of a file name become escapes."""
     return str(name).encode("utf-8", "backslashreplace").decode()

@@ -1,4 +1,4 @@
-"""`lidarcodec subscribe`: receive, decode, hand on."""
+"""`lidarcodec subscribe`: receives and decodes a stream, and passes it on."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def run(
     as_json: bool,
     with_clouds: bool = False,
 ) -> None:
-    """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone.
+    """Receive until a signal arrives, `frames` frames have come, or, with `until_end`, the publisher has stopped.
 
-    Raises SourceError when it has gone before the frames were enough.
+    Raises SourceError if it stopped before `frames` frames had come.
     """
     endpoints = endpoints_of(given)
     live = LiveStream(
@@ -47,17 +47,17 @@ def run(
             if count == frames:
                 break
         summary = live.summary()
-    summary["recording"] = live.summary()["recording"]  # what waited for the disk is in it, or is not
+    summary["recording"] = live.summary()["recording"]  # after closing, when all waiting messages were written or lost
     if show:
         sys.stderr.write("\r\x1b[K")
     print(json.dumps(summary, indent=2) if as_json else line_of(summary))
     check_recorded({key: summary["recording"]})
     if frames is not None and count < frames and not stopped():
-        raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} went")
+        raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} stopped")
 
 
 def line_of(summary: dict[str, Any]) -> str:
-    """Where a receiver stands, in one line."""
+    """The state of a receiver, in one line."""
     latency = summary["latency_ms"]
     delay = "-" if latency["p50"] is None else f"{latency['p50']:.1f} ms (p99 {latency['p99']:.1f})"
     return (

@@ -1,4 +1,4 @@
-"""`lidarcodec swarm`: many vehicles at once, to load a network, a router or a server."""
+"""`lidarcodec swarm`: publishes many vehicles at once, to load a network, a router or a server."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ END_S = 30.0
 
 @dataclass(frozen=True)
 class Load:
-    """What a swarm sends. frames: of the source, played over and over; seconds: how long, None for ever."""
+    """The load of a swarm. frames: frames of the source to repeat; seconds: duration, None for no end"""
 
     count: int
     spec: str
@@ -58,7 +58,7 @@ class Load:
 
 
 def run(load: Load, processes: int | None) -> None:
-    """Publish until a signal comes, or for so many seconds.
+    """Publish until a signal arrives, or for `load.seconds`.
 
     Raises SettingsError, SourceError, TransportError.
     """
@@ -68,7 +68,7 @@ def run(load: Load, processes: int | None) -> None:
     if several == 1:
         _run_here(load)
     else:
-        with open_source(load.spec):  # here, so that what is wrong with it is said once and not by every part
+        with open_source(load.spec):  # here, so that an error is reported once and not by every part
             pass
         _run_parts(load, several)
 
@@ -94,7 +94,7 @@ def _run_here(load: Load) -> None:
 
 
 def _run_parts(load: Load, several: int) -> None:
-    """Parts of the swarm in processes of their own. One that ends early ends all, and they end with this process."""
+    """Run parts of the swarm in processes of their own. If one ends early, all end; they also end with this process."""
     begin, parts, failed = load.first, [], False
     end_s = time.monotonic() + (math.inf if load.seconds is None else load.seconds)
     with stoppable() as stopped:
@@ -106,7 +106,7 @@ def _run_parts(load: Load, several: int) -> None:
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):
                 time.sleep(TICK_S)
-            failed = not stopped() and time.monotonic() < end_s  # with exit code 0, too, as of SIGTERM
+            failed = not stopped() and time.monotonic() < end_s  # even with exit code 0, as after SIGTERM
         finally:
             if failed or stopped() or any(part.poll() for part in parts):
                 for part in parts:
@@ -119,7 +119,7 @@ def _run_parts(load: Load, several: int) -> None:
 
 
 def _ends(part: subprocess.Popen[bytes]) -> bool:
-    """Whether a process ends by itself, in at most END_S; then it is killed: it may have been stopped (SIGSTOP)."""
+    """Whether a process ends by itself within END_S. Otherwise it is killed; it may be stopped by SIGSTOP."""
     try:
         part.wait(END_S)
     except subprocess.TimeoutExpired:
@@ -130,7 +130,7 @@ def _ends(part: subprocess.Popen[bytes]) -> bool:
 
 
 def summary(statuses: list[dict[str, Any]], settings: StreamSettings) -> str:
-    """What all vehicles sent, in one line."""
+    """Totals of all vehicles, in one line."""
 
     def total(field: str) -> int:
         return sum(status[field] for status in statuses)

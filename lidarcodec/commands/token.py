@@ -1,4 +1,4 @@
-"""`lidarcodec token`: who may look at the streams of a server, and who may change them."""
+"""`lidarcodec token`: manages the permissions to view and change the streams of a server."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 def create(
     name: Name,
     role: Annotated[
-        str, Option("--role", metavar="viewer|operator", help="Viewers can look. Operators can also change settings.")
+        str, Option("--role", metavar="viewer|operator", help="Viewers can watch. Operators can also change settings.")
     ] = "viewer",
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
@@ -41,7 +41,7 @@ def create(
     try:
         token = server_module("tokens").create_token(store, name, role, _who())
         unprinted = _print(token)
-        if unprinted is not None:  # nobody has it: it must not stay valid
+        if unprinted is not None:  # no user has it, so it must not stay valid
             store.revoke_token(name, _who())
             raise SourceError(
                 f"the token could not be printed ({unprinted}), so it was revoked: try again with another name"
@@ -84,13 +84,13 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
 
 
 def _print(token: str) -> str | None:
-    """Print a token at once; why that cannot be done, None if it was."""
+    """Print a token at once. Returns the reason if that fails, None otherwise."""
     if sys.stdout is None:  # the caller closed it (`>&-`)
         return "standard output is closed"
     try:
         print(token, flush=True)
     except OSError as error:
-        with contextlib.suppress(OSError):  # else the interpreter tries again at its end
+        with contextlib.suppress(OSError):  # otherwise the interpreter tries again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return error.strerror or str(error)
     return None
@@ -104,7 +104,7 @@ def _store(url: str | None, password: Path | None, *, create: bool = False) -> A
 
 
 def _who() -> str:
-    """Who runs this, for the audit log."""
+    """The user of this command, for the audit log."""
     try:
         return f"{getpass.getuser()} (command line)"
     except (KeyError, OSError, ImportError):  # a user without a name

@@ -1,4 +1,4 @@
-"""Packets that are taken turn by turn, so that a signal ends the work where `--skip` can go on."""
+"""Reads packets turn by turn, so that a stopped command can be continued with `--skip`."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from lidarcodec.units import FRAME_PACKETS
 
 
 class Turns:
-    """Packets in turns of `of` data packets; a signal ends them behind a turn.
+    """Packets in turns of `of` data packets. After a signal they end with the current turn.
 
-    packets: data packets given so far;  positions: position packets between them
-    cut: whether there were more of them when a signal came
+    packets: data packets so far;  positions: position packets among them
+    cut: whether packets were left when a signal arrived
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class Turns:
         self.cut = False
 
     def pass_over(self, turns: int) -> None:
-        """Leave out that many turns."""
+        """Skip that many turns."""
         number = 0
         while number < turns * self.of:
             if number % self.of == 0 and self._stopped():

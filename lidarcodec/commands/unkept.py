@@ -1,4 +1,4 @@
-"""What a command says at its end of what came and was not kept: one line, with counts by cause."""
+"""The warning at the end of a command about data that was not kept: one line, with counts by cause."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ HOLDS_POSITIONS = ".pcap"
 
 
 def say_unkept(label: str, counts: Counter[str]) -> None:
-    """Warn of what a source gave, or would have given, and was not kept; nothing if all was."""
+    """Warn about data of a source that was not kept, or that it could not give. No warning if there is none."""
     left = unkept(counts)
     if left is not None:
         log.warning("%s: not kept: %s", label, left)
 
 
 def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
-    """Say what live recordings left out. recordings: their last state (`BackgroundRecorder.state`) by stream, None for
-    a stream that was not recorded.
+    """Check live recordings for missing data. recordings: their last state (`BackgroundRecorder.state`) by stream, None
+    for a stream that was not recorded
 
-    Raises SourceError where one stopped before its stream did, the disk was too slow, or files of it were lost.
+    Raises SourceError if one stopped before its stream, the disk was too slow, or files of it were lost.
     """
     lacking = []
     for stream, state in recordings.items():
@@ -38,20 +38,18 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
         if state["stopped"]:
             lacking.append(f"{stream}: {state['stopped']}")
         if lost := state["counts"].get("lost files", 0):
-            lacking.append(
-                f"{stream}: {lost} of its files were removed, replaced or written over while they were written"
-            )
+            lacking.append(f"{stream}: {lost} of its files were removed, replaced or overwritten during the recording")
     if lacking:
         raise SourceError(f"not all of the stream was recorded: {'; '.join(lacking)}")
 
 
 def positions_in(frame: Frame) -> int:
-    """How many position packets a frame holds."""
+    """Number of position packets in a frame."""
     return 0 if frame.side is None else len(frame.side.positions)
 
 
 def positions_text(out: Path, count: int) -> str:
-    """What to say behind the summary of a decoded recording with so many position packets."""
+    """End of the summary of a decoded recording with `count` position packets."""
     if not count:
         return ""
     kept = out.suffix.lower() == HOLDS_POSITIONS

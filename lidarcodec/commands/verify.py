@@ -1,4 +1,4 @@
-"""`lidarcodec verify`: does a recording hold what its settings promise?"""
+"""`lidarcodec verify`: checks whether a recording keeps the error bounds of its settings."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ log = logging.getLogger(__name__)
 
 
 def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, allow_part: bool = False) -> bool:
-    """Compare, print, and say whether every promise was kept, and nothing of the source is missing.
+    """Compare and print. Returns whether every promised bound was kept and no part of the source is missing.
 
-    allow_part: whether the recording may hold only a part of its source
+    allow_part: whether the recording may contain only a part of its source
     """
     check_recorded(spec)
     recorded = RecordedFrames(recording)
@@ -39,7 +39,8 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         for frame in watched:
             message = recorded.message
             promise = None if message is None else promise_of(message)
-            if promise is not None and settings is not None and settings.codec == "raw":  # its messages do not say it
+            # A message of `raw` does not say that it is reduced.
+            if promise is not None and settings is not None and settings.codec == "raw":
                 promise = promise._replace(reduced=settings.reduces)
             comparison.add(frame, packets, promise)
             tick()
@@ -51,10 +52,10 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
     if coverage is None and not comparison.frames:
         raise StoppedError(f"stopped before the first frame of {recording} was compared")
     if not comparison.frames:
-        raise SourceError(f"{recording} holds no frame that can be decoded: nothing can be compared")
+        raise SourceError(f"{recording} has no frame that can be decoded: nothing can be compared")
     if comparison.not_in_source == comparison.frames:
         raise SourceError(
-            f"{spec} has no packet of the times in {recording}: the recording was not made from this source"
+            f"{spec} has no packet with a time of {recording}: the recording was not made from this source"
         )
     broken = [
         *missing_parts(recorded),
@@ -70,7 +71,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
     }
-    with suppress(BrokenPipeError):  # nobody reads on, but the exit code still counts
+    with suppress(BrokenPipeError):  # the reader has closed the output, but the exit code still counts
         print(json.dumps(result, indent=2) if as_json else _text(result), flush=True)
     if coverage is None:
         raise StoppedError(f"stopped: only the first {comparison.frames} frames of {recording} were compared")
@@ -78,7 +79,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
 
 
 def not_covered(found: Coverage) -> list[str]:
-    """What of the source is not in the recording, a sentence."""
+    """Packets of the source that are not in the recording, as a sentence."""
     if found.whole:
         return []
     missing = found.source_packets - found.packets
@@ -89,7 +90,7 @@ def not_covered(found: Coverage) -> list[str]:
 
 
 def not_given(counts: Counter[str]) -> list[str]:
-    """What the source holds, or held before it was damaged, and never gave: no recording of it can have that."""
+    """Data that the source did not give, because it is damaged or of another kind. No recording of it can have it."""
     broken = []
     if counts["truncated"] or counts["damaged"]:
         broken.append("the source itself is cut off or damaged; use --allow-part if that is known")
@@ -100,7 +101,7 @@ def not_given(counts: Counter[str]) -> list[str]:
 
 
 def missing_parts(recorded: RecordedFrames) -> list[str]:
-    """What is not there to be compared, a sentence each."""
+    """Parts of the recording that cannot be compared, one sentence each."""
     missing = []
     if failed := sum(recorded.failed.values()):
         missing.append(f"{failed} messages could not be decoded")
@@ -112,8 +113,8 @@ def missing_parts(recorded: RecordedFrames) -> list[str]:
 
 
 def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[str]:
-    """What its messages promise and their frames do not keep, a sentence each; frames without a message (recorded
-    packets) are judged by the settings that were noted."""
+    """Bounds in the messages that their frames exceed, one sentence each. Frames without a message (recorded
+    packets) are checked against the settings in the metadata."""
     broken = []
     if found.not_in_source:
         broken.append(f"{found.not_in_source} frames are not in the source")
@@ -134,7 +135,7 @@ def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[
 
 
 def broken_positions(found: Comparison) -> list[str]:
-    """What differs among position packets, which every message holds byte for byte: a sentence each."""
+    """Differences of position packets, one sentence each. Every message has them byte for byte."""
     positions, broken = found.positions, []
     if differing := positions.recorded - positions.identical:
         broken.append(f"{differing} position packets differ from those of the source")
@@ -144,8 +145,8 @@ def broken_positions(found: Comparison) -> list[str]:
 
 
 def changed_since_the_start(settings: StreamSettings | None, found: Comparison) -> list[str]:
-    """Where messages say something else than the settings that were noted when the recording began, a sentence each:
-    settings were changed while the stream ran, or a target bitrate turned the bound. No promise is broken by it."""
+    """Differences between the messages and the settings at the start of the recording, one sentence each. Somebody
+    changed the settings while the stream ran, or a target bitrate changed the bound. This breaks no promise."""
     if settings is None or settings.target_kbps is not None or not table.codec(settings.codec).bounded:
         return []
     step_m = found.errors.range_step_m
@@ -202,7 +203,7 @@ def _text(result: dict[str, Any]) -> str:
 
 def _covered_text(found: dict[str, Any] | None) -> str:
     if found is None:
-        return "INTERRUPTED      only a part was compared, and this is what was found in it"
+        return "INTERRUPTED      only a part was compared; the results are of this part"
     if found["whole"]:
         return f"covered          the whole source: {found['source_packets']:,} packets"
     if found["first"] is None:

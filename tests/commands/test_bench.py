@@ -75,7 +75,7 @@ def test_a_peer_that_is_not_installed_is_left_out_by_name_and_refused_when_it_wa
     monkeypatch.setattr(command.table, "_TABLE", kept)
     found, complaint = bench(capsys, "zstd", peers=True)
     assert [entry["codec"] for entry in found] == ["zstd", "peer:zstd", "peer:zstd"]
-    assert complaint.startswith("left out: peer:draco (DracoPy is not installed)")
+    assert complaint.startswith("not measured: peer:draco (DracoPy is not installed)")
     with pytest.raises(MissingExtraError, match="DracoPy"):
         bench(capsys, "peer:draco")
 

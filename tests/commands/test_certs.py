@@ -150,7 +150,7 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
     assert str(tmp_path / "viewer-anna.json5") in done.stdout
     wrong = run("publish", "sim:road", "--vehicle", "car-8", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     assert wrong.returncode == 2
-    assert "belongs to vehicle car-7, which may not publish as car-8" in wrong.stderr
+    assert "belongs to vehicle car-7, which is not allowed to publish as car-8" in wrong.stderr
     router = Router(config=str(tmp_path / "router-localhost.json5"), listen=f"tls/localhost:{port}")
     car = start("publish", "sim:road", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     try:

@@ -30,7 +30,7 @@ def test_where_nothing_comes_it_ends_and_says_so(monkeypatch):
     assert time.monotonic() - began < 30
     assert done.returncode == 1
     line = the_one_line(done)
-    assert f"UDP 127.0.0.1 port {port}: nothing came within 1 s" in line
+    assert f"UDP 127.0.0.1 port {port}: no packet arrived within 1 s" in line
     assert "?idle=" in line
     assert "within 0.5 s" in the_one_line(run_here("info", f"udp://127.0.0.1:{port}?wait=0&idle=0.5"))
 

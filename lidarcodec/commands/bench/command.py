@@ -30,7 +30,7 @@ PLOTS = (".png", ".svg", ".pdf")
 
 
 class Job(NamedTuple):
-    """One measurement. asked_for: whether its codec was named, so that a failure ends the command"""
+    """One measurement. asked_for: whether the user named its codec, so that a failure ends the command"""
 
     name: str
     measure: Callable[..., dict[str, Any]]
@@ -76,7 +76,7 @@ def run(
             except DecodeError as failed:
                 if job.asked_for:
                     raise
-                print(f"left out: {failed}", file=sys.stderr)
+                print(f"not measured: {failed}", file=sys.stderr)
             done = number
     part = done < len(jobs)
     end: list[dict[str, Any]] = [interrupted_after(done, len(jobs))] if part else []
@@ -89,13 +89,13 @@ def run(
             drawn = plot_bits if not as_curve else plot_curves if metrics == "usual" else plot_operating
             drawn(results, output.beside)
     if part:
-        raise StoppedError(f"stopped: {done} of {len(jobs)} settings were measured, the output lacks the others")
+        raise StoppedError(f"stopped: the output has only {done} of {len(jobs)} settings")
 
 
 def _codec_jobs(
     codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int, metrics: str
 ) -> list[Job]:
-    """The measurements of codecs of lidarcodec: all in `--codec` except peers."""
+    """The measurements of lidarcodec's own codecs: all names in `--codec` except peers."""
     own = codecs
     if codecs:
         own = ",".join(name for name in codecs.split(",") if not table.is_peer(name.strip()))
@@ -127,7 +127,7 @@ def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:
         except MissingExtraError as missing:
             if name in named:
                 raise
-            print(f"left out: {missing}", file=sys.stderr)
+            print(f"not measured: {missing}", file=sys.stderr)
             continue
         jobs += [Job(name, partial(bench_peer, name=name, value=value), name in named) for value in found.values]
     return jobs

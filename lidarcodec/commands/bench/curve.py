@@ -1,5 +1,5 @@
 """`bench --curve`: measures every codec at several values of its quality setting, for comparable curves. With
-`--metrics all` it measures operating curves instead: several target bitrates, at which rate control sets everything.
+`--metrics all` it measures operating curves instead: several target bitrates, where rate control sets all else.
 
 The quality setting ("knob") trades bits for error: the error bound if the codec has one, otherwise `quality` or `crf`.
 A codec without any (`raw`) has a single point.
@@ -59,7 +59,7 @@ def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
 def operating(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     """Settings for each codec at each target bitrate, for each combination of the other values; `raw` has one point.
 
-    Raises SettingsError, also for a target from outside; UnknownNameError.
+    Raises SettingsError, also if a target bitrate is given; UnknownNameError.
     """
     names = _names(codecs)
     _given(pairs)
@@ -74,12 +74,12 @@ def operating(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
 def _names(codecs: str | None) -> list[str]:
     names = [name.strip() for name in codecs.split(",")] if codecs else [StreamSettings().codec]
     if "" in names:
-        raise SettingsError(f"--codec {codecs}: there is an empty name beside a comma", "codec")
+        raise SettingsError(f"--codec {codecs}: a name is missing before or after a comma", "codec")
     return names
 
 
 def _given(pairs: Sequence[str]) -> set[str]:
-    """Names of the settings that are given."""
+    """Names of the given settings."""
     given = {pair.partition("=")[0].strip() for pair in pairs}
     if "target_kbps" in given:
         raise SettingsError("--curve sets target_kbps itself: leave out --set target_kbps", "target_kbps")

@@ -1,7 +1,7 @@
 """A private certificate authority, and certificates from it. Needs the package `cryptography` (extra `server`).
 
 Keys are on the curve P-256. Certificates of parties that listen are valid for both ends of a connection, because
-routers also connect. Access control uses the common name; clients check the alternative names.
+routers also connect. Access control uses the common name; clients check the subject alternative names.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Party(BaseModel):
     """A vehicle, viewer or operator.
 
     hosts:   addresses of a vehicle that listens itself
-    until:   end of its newest certificate;  longest: end of the certificate that is valid longest
+    until:   end of its newest certificate;  longest: latest end of all its certificates
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -58,7 +58,8 @@ class Deployment(BaseModel):
     routers: list[str] = []
     parties: dict[str, Party] = {}
     removed: dict[str, str] = {}
-    """Names that were removed while a certificate of theirs was valid, and its end: access goes by the name alone."""
+    """Removed names with a certificate that was still valid, and its end. Access depends on the name alone, so such
+    a name cannot be used again before."""
 
     def names(self, role: str) -> tuple[str, ...]:
         """Names of the parties with a role."""
@@ -106,7 +107,7 @@ def _change(
     _check(deployment)
     for name in sorted(_files(deployment) - ours):
         if (folder / name).exists():
-            raise SettingsError(f"{folder / name} is there already and is not of this deployment: move it away first")
+            raise SettingsError(f"{folder / name} exists but does not belong to this deployment: move it away first")
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
@@ -125,15 +126,16 @@ def _change(
     for name, until in sorted(older.items()):
         print(
             f"an older certificate of {name} stays valid until {until[:10]}: if somebody else has it, "
-            f"--remove {name} and give another name"
+            f"use --remove {name} and choose another name"
         )
     _say_validity(deployment)
 
 
 def _take_out(deployment: Deployment, named: set[str], remove: list[str], path: Path) -> dict[str, Party]:
-    """Take the names to remove out of a deployment, which remembers them while their certificates are valid.
+    """Remove names from a deployment. It remembers them while their certificates are valid.
 
-    Raises SettingsError for a name that is unknown, is given at the same time, or was removed and may still be used.
+    Raises SettingsError for an unknown name, a name that is also given to be renewed, or a new party with a removed
+    name whose certificate is still valid.
     """
     now = datetime.now(UTC)
     deployment.removed = {name: end for name, end in deployment.removed.items() if datetime.fromisoformat(end) > now}
@@ -149,7 +151,7 @@ def _take_out(deployment: Deployment, named: set[str], remove: list[str], path: 
         if name not in deployment.parties:
             raise SettingsError(f"--remove {name}: {path} has no such name", "remove")
         if name in named:
-            raise SettingsError(f"--remove {name}: this name is also given to be renewed: choose one", "remove")
+            raise SettingsError(f"--remove {name}: another option renews this name: use only one of them", "remove")
         party = gone[name] = deployment.parties.pop(name)
         last = party.longest
         if last is not None and datetime.fromisoformat(last) > now:
@@ -158,9 +160,9 @@ def _take_out(deployment: Deployment, named: set[str], remove: list[str], path: 
 
 
 def _note_ends(deployment: Deployment, named: set[str], days: int) -> dict[str, str]:
-    """Note how long the certificates that are made next may be valid, before they are made.
+    """Note the end of the new certificates before they are made.
 
-    Returns the names in `named` that have an older certificate which is still valid, and its end.
+    Returns the names in `named` that have an older certificate that is still valid, and its end.
     """
     now = datetime.now(UTC)
     end = (now + timedelta(days=days, seconds=60)).isoformat(timespec="seconds")
@@ -212,7 +214,7 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
             before = deployment.parties.get(name)
             if name == ROUTER or name in named or (before is not None and before.role != role):
                 raise SettingsError(
-                    f"--{role} {name}: this name is already used: each has one role and its own name", role
+                    f"--{role} {name}: this name is already used: each name belongs to one party with one role", role
                 )
             named.add(name)
             at_hosts = [_host(host) for host in hosts.split(",")] if at else (before.hosts if before else [])
@@ -236,7 +238,7 @@ def _check(deployment: Deployment) -> None:
     lonely = [name for name in deployment.names("vehicle") if not deployment.parties[name].hosts]
     if not deployment.routers and (lonely or not deployment.parties):
         raise SettingsError(
-            "nobody would listen: give --router HOST, or a host for each vehicle (--vehicle NAME@HOST)", "router"
+            "no party listens: give --router HOST, or a host for each vehicle (--vehicle NAME@HOST)", "router"
         )
     listening = [name for name, party in deployment.parties.items() if party.hosts]
     if deployment.routers and listening:
@@ -329,7 +331,7 @@ class _Maker:
         return f"tls/{f'[{host}]' if ':' in host else host}:{self._deployment.port}"
 
     def _put(self, name: str, options: dict[str, object]) -> str:
-        about = "// Holds a private key or a password: copy it only to the machine that it is for.\n"
+        about = "// Contains a private key or a password: copy it only to its own machine.\n"
         text = about + json.dumps(nested(options), indent=2) + "\n"
         write_private(self._folder / name, text.encode())
         return name

@@ -1,4 +1,4 @@
-"""locked: one command at a time changes a folder whose files belong together."""
+"""locked: lets only one command at a time change a folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WAIT_S: Final = 30.0
 """Longest wait for another call; a call of `certs` takes a second or two."""
 _LOOK_S: Final = 0.05
 _UNKNOWN: Final = frozenset({errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP})
-"""Error codes of file systems whose folders cannot be locked, such as some network ones."""
+"""Error codes of file systems without locks on folders, such as some network file systems."""
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def _take(handle: int, folder: Path, until_s: float) -> None:
         except OSError as error:
             if error.errno not in _UNKNOWN:
                 raise SourceError(f"cannot lock {folder}: {error.strerror or error}") from None
-            log.warning("%s cannot be locked: make sure that no other command changes it at the same time", folder)
+            log.warning("%s cannot be locked: do not change it with another command at the same time", folder)
             return
         else:
             return

@@ -32,7 +32,7 @@ METADATA, CALIBRATION = "metadata.yaml", "db.xml"
 BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
 """Files in a rosbag2 that this command writes."""
 IN_THE_STREAM = ("generic", "stream")
-"""Origins of calibrations that are not written to a file: generic ones, and those inside the packets."""
+"""Origins of calibrations that are not written to a file: generic tables, and tables inside the packets."""
 
 
 def run(
@@ -92,9 +92,8 @@ def run(
                 writer.write(packet)
             said = writer.close()
         part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
-        if (
-            part and beside is None and _needs_file(wanted.form, source.sensor)
-        ):  # it lies beside OUT, and not beside this
+        # The calibration file of a stopped command is next to OUT, not next to the part that was kept.
+        if part and beside is None and _needs_file(wanted.form, source.sensor):
             beside = _calibration_of(out)
         if beside is not None:
             inside = beside.parent == out
@@ -120,11 +119,11 @@ def _wanted(
 ) -> Wanted:
     """Raises SettingsError for options that do not apply to the output format."""
     if form != "recording" and (codec or pairs):
-        raise SettingsError(f"--codec and --set are for recordings: {out} holds the original packets", "codec")
+        raise SettingsError(f"--codec and --set are for recordings, but {out} holds the original packets", "codec")
     if form not in ("recording", "rosbag") and clouds:
-        raise SettingsError(f"--with-clouds is for recordings and rosbags: a {form} file holds packets only", "clouds")
+        raise SettingsError(f"--with-clouds is for recordings and rosbags: a {form} file holds only packets", "clouds")
     if form != "rosbag" and (topic or frame_id):
-        raise SettingsError(f"--topic and --frame-id are for rosbags: {out} is not a rosbag", "topic")
+        raise SettingsError(f"--topic and --frame-id are for rosbags, but {out} is not a rosbag", "topic")
     defaults = Wanted(form, clouds)
     topic = topic or defaults.topic
     if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
@@ -139,10 +138,10 @@ def _needs_file(form: Form, sensor: SensorModel) -> bool:
 def _calibration_file(
     out: Path, form: Form, sensor: SensorModel, force: bool, beside_input: Path | None
 ) -> Path | None:
-    """Path for the calibration beside OUT, where readers find it; None if it is not needed or already there.
+    """Path for the calibration next to OUT, where readers find it; None if it is not needed or already there.
 
-    beside_input: where that of what is read lies, if it has one; it is never replaced
-    Raises SettingsError if another one is in the way.
+    beside_input: path of the source's own calibration file, if it has one; it is never replaced
+    Raises SettingsError if there is already another calibration.
     """
     if not _needs_file(form, sensor):
         return None
@@ -159,17 +158,17 @@ def _calibration_file(
     if same:
         return None
     if not force:
-        raise SettingsError(f"{path} holds another calibration than {out}: use --force to replace it", "force")
+        raise SettingsError(f"{path} has another calibration than {out}: use --force to replace it", "force")
     if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
         raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
     return path
 
 
 def _metadata_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
-    """Path for the metadata of an Ouster beside a capture, where readers find it; None if it is not needed, or already
+    """Path for the metadata of an Ouster next to a capture, where readers find it; None if it is not needed or already
     there.
 
-    Raises SettingsError if another file is in the way.
+    Raises SettingsError if there is already another file.
     """
     if form == "recording" or not sensor.description or not out.suffix:
         return None
@@ -198,7 +197,7 @@ def _calibration_of(out: Path) -> Path:
 
 @contextmanager
 def _opened(out: Path, beside: Path, wanted: Wanted, source: PacketSource, about: dict[str, str]) -> Iterator[Output]:
-    """The output, in the file or folder `beside`."""
+    """The open output, written to the file or folder `beside`."""
     if out.suffix:
         with beside.open("wb") as handle:
             yield open_output(wanted, handle, source.sensor, about, source.poses)

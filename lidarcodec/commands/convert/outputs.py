@@ -30,7 +30,7 @@ FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
 class Wanted:
     """Options of the output: its format, and options of some formats.
 
-    clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
+    clouds: whether a recording or a bag also has points;  topic, frame_id: names in a bag
     """
 
     form: Form
@@ -46,11 +46,11 @@ class Output(Protocol):
         """Append one packet."""
 
     def close(self) -> str:
-        """Complete the output without closing the file; returns a remark for the summary, or an empty text."""
+        """Complete the output without closing the file. Returns a remark for the summary, or an empty text."""
 
 
 def form_of(out: Path, given: str | None) -> Form:
-    """The given format, or the one of the name's ending; a name without an ending is the folder of a bag.
+    """The given format, otherwise the format of the name's ending. A name without an ending is the folder of a bag.
 
     Raises SettingsError if there is none, or the name does not fit the format.
     """
@@ -82,7 +82,7 @@ def open_output(
     about: Mapping[str, str],
     poses: Poses | None,
 ) -> Output:
-    """The output for an open binary file. Coded recordings are made by CodedRecording."""
+    """The output for an open binary file. CodedRecording makes recordings of other codecs."""
     if wanted.form == "pcap":
         return _Capture(handle)
     if wanted.form == "packets":
@@ -102,7 +102,7 @@ class _Capture:
 
 
 class _Batches:
-    """Packets in batches of a turn. put: takes a batch; the last one may be empty."""
+    """Collects packets into batches of one turn. put: gets each batch; the last one may be empty"""
 
     def __init__(self, put: Callable[[list[Packet]], None]) -> None:
         self._put = put

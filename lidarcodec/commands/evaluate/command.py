@@ -1,4 +1,4 @@
-"""`lidarcodec evaluate`: what a stream is good for at its receiver."""
+"""`lidarcodec evaluate`: measures how useful a stream is at its receiver."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typer import Option
 
 from lidarcodec.commands.signatures.common import Force
 
-app = typer.Typer(help="Measure what a stream is good for.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Measure how useful decoded streams are.", no_args_is_help=True, rich_markup_mode=None)
 
 
 @app.callback()
 def _group() -> None:
-    """Measure what a stream is good for."""
+    """Measure how useful decoded streams are."""
 
 
 @app.command()
@@ -106,7 +106,7 @@ def localisation(
     force: Force = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Localise in drives with reduced and coded scans alone. Print the errors, and how often the position was lost."""
+    """Localise drives with reduced and coded scans only. Print the errors, and how often the position was lost."""
     from lidarcodec.commands.evaluate import localisation as command
 
     command.run(

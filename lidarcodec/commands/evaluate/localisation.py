@@ -1,4 +1,4 @@
-"""`lidarcodec evaluate localisation`: reductions and codecs side by side, by how well a car finds its way with them."""
+"""`lidarcodec evaluate localisation`: compares reductions and codecs by the accuracy of localisation with them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from lidarcodec.settings import StreamSettings
 DEFAULT_CODEC: Final = "predictive"
 DEFAULT_BOUND: Final = "max_error_m=0.01"
 PICTURES: Final = re.compile(r"(sweep|errors|maps)-.*\.png")
-"""What `--plots` draws."""
+"""Plots of `--plots`."""
 MOST_POINTS: Final = 200_000
 ORIGINAL: Final = Method("all", StreamSettings(codec="raw"))
 Name = TypeVar("Name", bound=str)
@@ -40,7 +40,7 @@ Name = TypeVar("Name", bound=str)
 
 @dataclass(frozen=True)
 class Asked:
-    """The options of the command line that say what is compared, and how."""
+    """The options that select what to compare, and how."""
 
     sources: Sequence[str]
     reductions: Sequence[str]
@@ -58,9 +58,9 @@ class Asked:
     seed: int
 
     def options(self) -> Options:
-        """Checked.
+        """The checked options.
 
-        Raises SettingsError for a name that does not exist.
+        Raises SettingsError for an unknown name.
         """
         usual = ("near",) if self.sweep else PROTOCOLS
         return Options(
@@ -74,7 +74,7 @@ class Asked:
         )
 
     def methods(self) -> list[Method]:
-        """Everything that is compared.
+        """All methods to compare.
 
         Raises SettingsError, UnknownNameError.
         """
@@ -110,7 +110,7 @@ def run(
     as_json: bool,
     force: bool = False,
 ) -> None:
-    """Measure every method on every source and print the results; when stopped, those that were finished."""
+    """Measure every method on every source and print the results. If stopped, print the finished ones."""
     options, compared = asked.options(), asked.methods()
     for source in asked.sources:
         check_finite(source, frames)
@@ -149,7 +149,7 @@ def run(
                 output.only_part()
             _draw(asked, options, outcomes, output.beside)
     if done < wanted:
-        raise StoppedError(f"stopped: {done} of {wanted} methods were measured, the output lacks the others")
+        raise StoppedError(f"stopped: the output has only {done} of {wanted} methods")
 
 
 def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool, end: list[dict[str, bool | int]]) -> None:

@@ -1,1 +1,1 @@
-"""`lidarcodec info`: a source, a recording, one message, or this installation."""
+"""`lidarcodec info`: describes a source, a recording, one message, or this installation."""

@@ -1,4 +1,4 @@
-"""What `lidarcodec info` says without a source: versions, extras, ports, clock, and the settings in effect."""
+"""`lidarcodec info` without a source: versions, extras, ports, clock, and the settings in effect."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lidarcodec.units import DATA_PORT
 
 ZENOH_PORT = 7447
 CLOCK_UNSYNCHRONISED = 5
-"""What adjtimex(2) returns when no time service holds the clock."""
+"""Result of adjtimex(2) if no time service synchronises the clock."""
 
 
 def _installed(name: str) -> str | None:
@@ -32,7 +32,9 @@ def _installed(name: str) -> str | None:
 
 
 def _requirements() -> dict[str, list[str]]:
-    """Names of required packages, by extra; "" for the base install. An extra that names others has theirs."""
+    """Names of required packages, by extra; "" for the base install. An extra that includes others has their
+    packages.
+    """
     found: dict[str, list[str]] = {"": []}
     try:
         requires = metadata.requires("lidarcodec") or []
@@ -103,9 +105,9 @@ def _settings() -> dict[str, str]:
 
 
 def about() -> dict[str, Any]:
-    """Everything, by heading.
+    """All information, by heading.
 
-    Raises SettingsError or UnknownNameError when the environment asks for what does not exist.
+    Raises SettingsError or UnknownNameError if the environment names settings that do not exist.
     """
     requirements = _requirements()
     extras = {}

@@ -1,4 +1,4 @@
-"""`lidarcodec info`: a source, a recording, one message, or this installation."""
+"""`lidarcodec info`: describes a source, a recording, one message, or this installation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KEY_WIDTH = 24
 
 
 def run(source: str | None, message: int | None, calibration: Path | None, as_json: bool) -> None:
-    """Find out what is asked about, and print it."""
+    """Collect the information and print it."""
     if source is None:
         if message is not None:
             raise SettingsError("--message N needs a recording: lidarcodec info FILE.mcap --message N", "message")
@@ -37,14 +37,14 @@ def _of_source(source: str, message: int | None, calibration: Path | None) -> di
         from lidarcodec.commands.info.recording import explain_message, inspect_recording
 
         return inspect_recording(spec.path) if message is None else explain_message(spec.path, message)
-    # Of a recording `?read=` and `?topic=` name packets, as for every command that takes a source.
+    # With `?read=` or `?topic=` a recording is read as a source of packets, as in all commands that take a source.
     from lidarcodec.commands.info.source import inspect_source
 
     return inspect_source(source, calibration)
 
 
 def _lines(values: dict[str, Any], indent: str = "") -> list[str]:
-    """Key and value a line; values that are mappings or tables come indented below their key."""
+    """Lines of a key and a value. Mappings and tables are indented below their key."""
     lines = []
     for key, value in values.items():
         name = f"{indent}{key}"

@@ -1,4 +1,4 @@
-"""A message byte by byte: what stands where, for `lidarcodec info FILE --message N`.
+"""A message byte by byte, for `lidarcodec info FILE --message N`.
 
 >>> from lidarcodec.message import Message, Section, SectionType
 >>> from lidarcodec.wire import pack
@@ -28,7 +28,7 @@ _SHOWN_BYTES = 16
 
 
 class Part(NamedTuple):
-    """A run of bytes and what it says."""
+    """A range of bytes and its meaning."""
 
     offset: int
     size: int
@@ -37,12 +37,12 @@ class Part(NamedTuple):
 
 
 def section_name(kind: int) -> str:
-    """Name of a section type; unknown ones by their number."""
+    """Name of a section type; its number if it is unknown."""
     return SectionType(kind).name.lower() if kind in set(SectionType) else f"unknown type {kind}"
 
 
 def codec_name(number: int) -> str:
-    """Name of a codec; one that this build lacks by its number."""
+    """Name of a codec; its number if this build does not have it."""
     try:
         return table.codec_name(number)
     except UnsupportedVersionError:
@@ -87,7 +87,7 @@ def _preview(data: bytes) -> str:
 def explain(data: bytes) -> list[Part]:
     """Every byte of a message, in order.
 
-    Raises DecodeError if header or sections are not those of a message; a wrong checksum is only said.
+    Raises DecodeError if the header or a section is invalid. A wrong checksum is reported, but is no error.
     """
     header = peek(data)
     parts = _header_parts(data, header)

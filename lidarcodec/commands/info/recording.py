@@ -1,4 +1,4 @@
-"""What `lidarcodec info FILE.mcap` says: what the recording holds, and any one of its messages byte by byte."""
+"""`lidarcodec info FILE.mcap`: the contents of a recording, or one of its messages byte by byte."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHOWN_MESSAGES = 20
 def inspect_recording(path: Path) -> dict[str, Any]:
     """Metadata, totals, and a line for each of the first messages.
 
-    Raises SourceError if this is no recording.
+    Raises SourceError if it is not a recording.
     """
     rows: list[dict[str, Any]] = []
     sections: Counter[str] = Counter()
@@ -84,7 +84,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
 
 
 def _positions_in(section: Section) -> int:
-    """How many position packets a section holds."""
+    """Number of position packets in a section."""
     try:
         return len(decode_positions(section.data, MAX_PACKETS)) if section.type == SectionType.POSITION else 0
     except DecodeError:

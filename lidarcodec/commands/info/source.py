@@ -1,4 +1,4 @@
-"""What `lidarcodec info SOURCE` says: sensor, calibration, packets, frames, layouts, status, return mode."""
+"""`lidarcodec info SOURCE`: sensor, calibration, packets, frames, layouts, status, return mode."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from lidarcodec.sources.spec import parse
 from lidarcodec.units import FRAME_PACKETS
 
 LOOK_PACKETS = 10 * FRAME_PACKETS
-"""How much is read of a source that has no end."""
+"""Number of frames read from a source without an end."""
 QUIET_S = 10.0
-"""How long a live source may send nothing, unless its option `idle` says otherwise: to look is no reason to wait on."""
+"""Default of the option `idle` here: `info` should not wait long for a live source that sends nothing."""
 ROLE_LETTERS = {
     Role.IRREGULAR: "?",
     Role.UPPER_OPENS: "U",
@@ -37,11 +37,11 @@ ROLE_LETTERS = {
     Role.UPPER_SECOND: "2",
     Role.LOWER_SECOND: "3",
 }
-"""A layout as twelve letters: capitals open a column, small letters join it, 2 and 3 are second returns."""
+"""A layout as twelve letters. A capital begins a column, a small letter continues it, 2 and 3 are second returns."""
 
 
 class _Totals:
-    """Adds up what frames hold."""
+    """Totals over all frames."""
 
     def __init__(self) -> None:
         self.frames = self.columns = self.cells = self.points = 0
@@ -72,9 +72,9 @@ class _Totals:
 
 
 def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
-    """What a source holds; all of it is read, or ten frames of one that has no end.
+    """The contents of a source. All of it is read, or ten frames if it has no end.
 
-    Raises SourceError, also if nothing comes from a live one, PacketError or CalibrationError.
+    Raises SourceError, also if a live source sends nothing, PacketError or CalibrationError.
     """
     limit = LOOK_PACKETS if is_endless(spec) else None
     quiet_s = parse(spec).number("idle", 0.0, 1e9) or QUIET_S
@@ -106,7 +106,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         if source.live and not packets + positions:
             besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))
             raise SourceError(
-                f"{source.label}: nothing came within {quiet_s:g} s{besides}. Check that the sensor is on and "
+                f"{source.label}: no packet arrived within {quiet_s:g} s{besides}. Check that the sensor is on and "
                 "sends to this address. ?idle=60 waits for 60 s"
             )
         label, fidelity = source.label, getattr(source, "fidelity", None)
@@ -141,15 +141,15 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
 
 
 def _cells(frame: Frame) -> int:
-    """Cells that were fired."""
+    """Number of fired cells."""
     return int(np.count_nonzero(frame.fired)) * (frame.sensor.rows // 2) if frame.sensor.rows > 1 else frame.width
 
 
 def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
-    """What is known of another sensor than an HDL-64E: rows, range step, planes, and why it must be this model."""
+    """Facts about a sensor other than an HDL-64E: rows, range step, planes, and the evidence for its model."""
     family = sensor_of(sensor)
     if family is None:
-        return {"evidence": "its packets are carried as they are, without images or points"}
+        return {"evidence": "its packets are kept unchanged, without images or points"}
     layouts = [layout for payload in payloads if (layout := family.layout_of(payload)) is not None]
     return {
         "evidence": next((found for payload in payloads if (found := family.evidence(payload))), "named by --model"),
@@ -160,7 +160,7 @@ def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
 
 
 def _limited(spec: str) -> str:
-    """The same source with a limit of silence, if it is a live one without."""
+    """The source with an option `idle`, if it is a live source without one."""
     parsed = parse(spec)
     if parsed.scheme != "udp" or "idle" in parsed.options:
         return spec

@@ -1,1 +1,1 @@
-"""`lidarcodec join`: captures or recordings."""
+"""`lidarcodec join`: joins captures or recordings."""

@@ -1,4 +1,4 @@
-"""Captures joined: every record as it is, whatever it holds."""
+"""Joins captures: copies every record unchanged, with any content."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _MAX_RECORD: Final = 1 << 18
 
 
 class Record(NamedTuple):
-    """A packet of a capture. stamp: seconds, and parts of one;  data: its bytes in the file, with their head"""
+    """A packet of a capture. stamp: seconds and fraction;  data: its bytes in the file, with the record header"""
 
     stamp: tuple[int, int]
     data: bytes
 
 
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
-    """Copy the parts, and the calibration beside them.
+    """Copy the parts, and the calibration next to them.
 
-    Raises SourceError for a part that is damaged, unless a gap is allowed: what is whole of it is copied then.
+    Raises SourceError for a damaged part. If gaps are allowed, its complete packets are copied instead.
     """
     table = _calibration(paths)
     if table is not None and not _to_be_written(_calibration_of(out), table, force):
@@ -82,7 +82,7 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
 
 
 def _records(handle: BinaryIO, path: Path, order: str, allow_gap: bool) -> Iterator[Record]:
-    """Records of a file behind its header, as far as they are whole."""
+    """Complete records of a file, after its header."""
     number = 0
     while (head := handle.read(16)) and (record := _record(handle, head, order)) is not None:
         yield record
@@ -91,11 +91,11 @@ def _records(handle: BinaryIO, path: Path, order: str, allow_gap: bool) -> Itera
         damage = f"{path} is damaged: packet {number} and the rest are incomplete"
         if not allow_gap:
             raise SourceError(f"{damage}; use --allow-gap to join the other packets")
-        log.warning("%s and were left out", damage)
+        log.warning("%s and were skipped", damage)
 
 
 def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
-    """The record that begins with this head. None if it is cut, or of zeros, as where a machine lost its power."""
+    """The record with this header. None if it is cut off, or all zeros, as after a power failure."""
     if len(head) < 16:
         return None
     seconds, fraction, length, original = struct.unpack(f"{order}IIII", head)
@@ -106,21 +106,21 @@ def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
 
 
 def _calibration(paths: Sequence[Path]) -> bytes | None:
-    """What lies beside the parts; None if nothing does.
+    """The calibration next to the parts; None if there is none.
 
-    Raises SettingsError if they have different ones, CalibrationError if one is too large.
+    Raises SettingsError if there are different ones, CalibrationError if one is too large.
     """
     found = [(path, _read(_calibration_of(path))) for path in paths if _calibration_of(path).is_file()]
     for path, table in found:
         if table != found[0][1]:
             raise SettingsError(
-                f"{path} has another calibration beside it than {found[0][0]}: they come from two sensors"
+                f"the calibrations next to {path} and {found[0][0]} differ: the captures come from two sensors"
             )
     return found[0][1] if found else None
 
 
 def _to_be_written(path: Path, table: bytes, force: bool) -> bool:
-    """Whether the calibration is not there yet. Raises SettingsError if another one is in the way."""
+    """Whether the calibration must be written. Raises SettingsError if there is already another one."""
     if path.is_file() and not path.is_symlink() and path.stat().st_size == len(table) and path.read_bytes() == table:
         return False
     check_free(path, force=force)

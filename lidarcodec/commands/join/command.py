@@ -1,4 +1,4 @@
-"""`lidarcodec join`: parts of a drive into one recording, or one capture."""
+"""`lidarcodec join`: joins parts of a drive into one recording or one capture."""
 
 from __future__ import annotations
 

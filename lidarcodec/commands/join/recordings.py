@@ -1,4 +1,4 @@
-"""Recordings joined: messages byte for byte, in order; only parts that belong together."""
+"""Joins recordings: copies messages byte for byte, in order. All parts must come from the same drive."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.wire.header import Header
 
 SAME: Final = ("vehicle", "sensor")
-"""What parts have in common always; see also `MADE_OF`."""
+"""Metadata that must be equal in all parts; see also `MADE_OF`."""
 MADE_OF: Final = ("source", "calibration", "settings")
-"""What parts have in common that were made of a source; settings of a live stream change while it runs."""
+"""Metadata that must also be equal if the parts were made from a source. Settings of a live stream can change."""
 
 
 @dataclass
 class Part:
-    """A recording to be joined, and what its first and last messages say; None where it holds packets."""
+    """A recording to join. The fields of its first and last message are None if it holds packets."""
 
     path: Path
     reader: RecordingReader
@@ -41,13 +41,13 @@ class Part:
     first_ns: int = 0
     last_ns: int = 0
     gap: int = 0
-    """The most frames that are missing between two of its messages: a live stream leaves some out."""
+    """Largest number of frames that are missing between two of its messages: a live stream skips some."""
     damaged: str = ""
-    """What is lost of it, if anything is."""
+    """Description of its damage; empty if there is none."""
 
     @property
     def counted(self) -> bool:
-        """Whether the indices of its frames say where in the source they are."""
+        """Whether the index of a frame is its position in the source."""
         return self.first is not None and "source" in self.reader.metadata and self._framing.startswith("packets")
 
     @property
@@ -92,7 +92,7 @@ def _everything(parts: Sequence[Part]) -> Iterator[tuple[Part, Channel, Stored]]
 
 
 def _part(path: Path, handle: BinaryIO) -> Part:
-    """Raises SourceError if it is no recording of ours, or an empty one."""
+    """Raises SourceError if it is empty or not a recording of lidarcodec."""
     reader = RecordingReader(handle)
     if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
         raise SourceError(f"{path} is not a recording of lidarcodec: convert it first with `lidarcodec convert`")
@@ -107,7 +107,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     if quiet.counts["damaged"]:
         found.damaged = f"is damaged, and {quiet.counts['damaged']} of its chunks are lost"
     elif quiet.counts["cut"]:
-        found.damaged = "was cut, and what followed is lost"
+        found.damaged = "was cut off, and its end is lost"
     if found.first is not None and found.last is not None:
         found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
         if not found.first.key:
@@ -118,7 +118,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     packets = quiet.packets()
     begin = next(packets, None)
     if begin is None:
-        raise SourceError(f"{path} holds no message: leave it out")
+        raise SourceError(f"{path} has no message: join the other parts without it")
     found.first_ns = found.last_ns = begin.stamp_ns
     for packet in packets:
         found.last_ns = max(found.last_ns, packet.stamp_ns)
@@ -129,11 +129,11 @@ def _header(path: Path, data: bytes) -> Header:
     try:
         return wire.peek(data)
     except DecodeError as error:
-        raise SourceError(f"{path} holds a message that cannot be read: {error}") from None
+        raise SourceError(f"{path} has a message that cannot be read: {error}") from None
 
 
 def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
-    """Time of the last packet of the last frame, as far as it can be decoded."""
+    """Time of the last packet of the last frame that can be decoded."""
     failed: list[DecodeError] = []
     for _, frames in decoded(reader, reader.messages(last_ns), StreamDecoder().decode, failed.append):
         for frame in frames:
@@ -143,7 +143,7 @@ def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
 
 
 def _check_kin(first: Part, other: Part) -> None:
-    """Raises SettingsError if the parts are not of the same drive."""
+    """Raises SettingsError if the parts do not come from the same drive."""
     ours, theirs = first.reader.metadata, other.reader.metadata
     names = [*SAME, *(MADE_OF if "source" in ours or "source" in theirs else ())]
     for name in names:
@@ -163,17 +163,17 @@ def _plain(name: str, text: str | None) -> str | None:
 
 
 def _behind(message: Header) -> int:
-    """The index of the frame behind those of a message."""
+    """The index after the last frame of a message."""
     return message.frame_index + message.frame_count
 
 
 def _are_counted(before: Part, after: Part) -> bool:
-    """Whether both were made of a source, of which no frame is left out."""
+    """Whether both were made from a source, without skipped frames."""
     return before.counted and after.counted
 
 
 def _check_order(before: Part, after: Part, allow_gap: bool) -> None:
-    """Raises SettingsError if the second part does not come behind the first, or frames are missing between them."""
+    """Raises SettingsError if the second part does not come after the first, or frames are missing between them."""
     last, first = before.last, after.first
     if last is not None and first is not None and (_are_counted(before, after) or first.stream_id == last.stream_id):
         next_index = _behind(last)

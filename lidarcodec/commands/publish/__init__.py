@@ -1,1 +1,1 @@
-"""`lidarcodec publish`: a source, or several sensors by a file."""
+"""`lidarcodec publish`: publishes a source, or several sensors from a configuration file."""

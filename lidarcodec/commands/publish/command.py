@@ -1,4 +1,4 @@
-"""`lidarcodec publish`: a source, live, to all that subscribe."""
+"""`lidarcodec publish`: publishes a source live to all subscribers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
-from lidarcodec.apps.health import SensorState, told_in
+from lidarcodec.apps.health import SensorState, health_file_or_nothing
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
@@ -27,7 +27,7 @@ MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
 def rate_of(text: str | None) -> Rate | None:
     """Frames a second, or `max`.
 
-    Raises SettingsError if it is neither.
+    Raises SettingsError for any other text.
     """
     if text is None or text == "max":
         return cast(Rate | None, text)
@@ -41,15 +41,15 @@ def rate_of(text: str | None) -> Rate | None:
 
 
 def record_limits(gigabytes: float) -> dict[str, int]:
-    """Sizes of the recorder for a folder of so many GB: files of 256 MiB, smaller ones in a small folder."""
+    """Limits of the recorder for a folder of `gigabytes` GB: files of 256 MiB, or smaller files in a small folder."""
     total = int(gigabytes * 1e9)
     return {"max_total_bytes": total, "max_file_bytes": max(min(MAX_FILE_BYTES, total // 4), MIN_FILE_BYTES)}
 
 
 def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
-    """The vehicle that publishes: the one given, else the name in the Zenoh configuration, else `vehicle`.
+    """The name of the vehicle: the given one, otherwise the name in the Zenoh configuration, otherwise `vehicle`.
 
-    Raises SettingsError when those two are not the same: nobody would get what it sends, and nothing would say why.
+    Raises SettingsError if the given name differs from the configuration: routers would drop its messages silently.
     """
     party = party_of(endpoints)
     if party is None:
@@ -57,13 +57,13 @@ def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
     if party.role != "vehicle" or given not in (None, party.name):
         as_whom = "publish" if given is None else f"publish as {given}"
         raise SettingsError(
-            f"{endpoints.config} belongs to {party.role} {party.name}, which may not {as_whom}", "vehicle"
+            f"{endpoints.config} belongs to {party.role} {party.name}, which is not allowed to {as_whom}", "vehicle"
         )
     return party.name
 
 
 def check_alone(given: dict[str, object]) -> None:
-    """Raise SettingsError if something was given that stands in the file of --config."""
+    """Raise SettingsError if an option was given that belongs into the file of --config."""
     for name, value in given.items():
         if value:
             raise SettingsError(f"{name} cannot be combined with --config: write it into that file", "config")
@@ -87,7 +87,7 @@ def run(
     weights_dir: Path | None,
     link: str | None = None,
 ) -> None:
-    """Publish until the source ends or a signal comes."""
+    """Publish until the source ends or a signal arrives."""
     if record_as not in ("packets", "lossless"):
         raise SettingsError(f"--record-as must be packets or lossless, not '{record_as}'", "record_as")
     if weights_dir is not None:
@@ -111,7 +111,7 @@ def run(
             poses=source.poses if poses else None,
             original=original,
         )
-        health = told_in(health_file, lambda: [SensorState.of(publisher.status())])
+        health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
         with stoppable(publisher.interrupt), health:
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
@@ -125,7 +125,7 @@ def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | 
 
 
 def summary_line(status: dict[str, Any]) -> str:
-    """What was sent, in one line."""
+    """Totals of a stream, in one line."""
     return (
         f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"

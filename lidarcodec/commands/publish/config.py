@@ -1,4 +1,4 @@
-"""`lidarcodec publish --config FILE`: several sensors of one vehicle, as a YAML file says.
+"""`lidarcodec publish --config FILE`: several sensors of one vehicle, described in a YAML file.
 
 >>> text = "vehicle: car-7\\nsensors:\\n  - {name: roof, source: 'udp://:2368', settings: {max_error_m: -1}}"
 >>> parse(text, "fleet.yaml")
@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from lidarcodec.apps.health import told_in
+from lidarcodec.apps.health import health_file_or_nothing
 from lidarcodec.apps.publisher.publisher import Rate
 from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
@@ -43,7 +43,7 @@ class _Strict(BaseModel):
 
 
 class RecordConfig(_Strict):
-    """What is kept on the vehicle, whatever is sent."""
+    """The recording on the vehicle; it does not depend on what is sent."""
 
     folder: Path
     form: RecordAs = Field(default="packets", alias="as")
@@ -51,9 +51,9 @@ class RecordConfig(_Strict):
 
 
 class SensorConfig(_Strict):
-    """One sensor. settings: fields of the stream's settings, else of the codec's own, as with `--set`
+    """One sensor. settings: fields of StreamSettings, otherwise settings of the codec, as in `--set`
 
-    link: as with `--link`
+    link: as in `--link`
     """
 
     name: Name
@@ -87,9 +87,9 @@ class SensorConfig(_Strict):
         return settings_of(self.codec, self.settings, self.link)
 
     def check_files(self, place: str) -> None:
-        """Try what can be tried before the sensor is there. place: of this sensor in the file
+        """Check everything that can be checked before the sensor is on. place: of this sensor in the file
 
-        Raises SettingsError naming the field.
+        Raises SettingsError with the name of the field.
         """
         try:
             field = "settings"
@@ -106,7 +106,7 @@ class SensorConfig(_Strict):
             raise SettingsError(f"{place}.{field}: {error}", field) from None
 
     def plan(self) -> SensorPlan:
-        """What a Vehicle does with it."""
+        """The plan of this sensor for a Vehicle."""
         rate: Rate | None = self.rate
         keep = self.record
         return SensorPlan(
@@ -142,20 +142,20 @@ class VehicleConfig(_Strict):
 
 
 def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConfig:
-    """The configuration in a text. From then on weights are looked for in its `weights_dir`, or in the one given.
+    """The configuration in a text. From then on its `weights_dir`, or the given one, is the folder of weights.
 
-    Raises SettingsError naming the field.
+    Raises SettingsError with the name of the field.
     """
     try:
         values = read_yaml(text)
     except YamlRefusedError as error:
         raise SettingsError(f"{where}: {error}", "config") from None
     if not isinstance(values, dict):
-        raise SettingsError(f"{where} holds no fields: start with `vehicle: NAME` and `sensors:`", "config")
+        raise SettingsError(f"{where} has no fields: start with `vehicle: NAME` and `sensors:`", "config")
     folder = weights_dir or values.get("weights_dir")
     try:
         if isinstance(folder, str | Path):
-            look_in(Path(folder))  # before settings of sensors are checked, which may name what lies there
+            look_in(Path(folder))  # before the settings of sensors are checked, because they can name weights in it
         return VehicleConfig.model_validate(values)
     except SettingsError as error:
         raise SettingsError(str(error) if weights_dir else f"{where}: {error}", "weights_dir") from None
@@ -172,7 +172,7 @@ def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConf
 def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
     """The configuration in a file; weights_dir: as in `parse`.
 
-    Raises SettingsError when it is missing, too long, or wrong.
+    Raises SettingsError if it is missing, too long, or invalid.
     """
     try:
         text = read_file(path, "config").decode()
@@ -186,7 +186,7 @@ def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
 
 
 def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None, weights_dir: Path | None) -> None:
-    """Publish until every source has ended or a signal comes. What stands on the command line wins."""
+    """Publish until every source has ended or a signal arrives. The command line overrides the file."""
     config = read(path, weights_dir)
     for number, sensor in enumerate(config.sensors):
         sensor.check_files(f"{path}: sensors.{number}")
@@ -196,7 +196,7 @@ def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None,
     endpoints = endpoints_of((connect, listen, zenoh_config))
     name = vehicle_of(vehicle or config.vehicle, endpoints)
     running = Vehicle(name, [sensor.plan() for sensor in config.sensors], endpoints)
-    with running, stoppable(running.interrupt) as stopped, told_in(health_file, running.states):
+    with running, stoppable(running.interrupt) as stopped, health_file_or_nothing(health_file, running.states):
         running.wait()
         failures = {} if stopped() else running.failures()
     for status in running.statuses():

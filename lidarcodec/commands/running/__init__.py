@@ -1,1 +1,1 @@
-"""How a command is run, stopped and ended."""
+"""Running, stopping and ending a command."""

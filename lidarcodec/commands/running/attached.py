@@ -1,9 +1,9 @@
-"""The command line as part of another process: it ends when that one does, however that one ends.
+"""The command line as a child of another process: it ends with its parent, however the parent ends.
 
     python -m lidarcodec.commands.running.attached publish sim:city --vehicle demo
 
-The program that starts it holds the other end of its standard input, a pipe, and writes nothing. The system closes that
-end with the process, also when `kill -9` left it no time to end anything.
+Its standard input is a pipe. The parent holds the other end and writes nothing. When the parent ends, even by
+`kill -9`, the system closes that end.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import time
 from typing import Final
 
 END_S: Final = 10.0
-"""How long the end may take before it is forced."""
+"""Time to end before it is forced."""
 
 
 def end_with(pipe: int) -> None:
-    """Have this process end, as a signal would end it, when the other end of a pipe is closed. pipe: its descriptor"""
+    """End this process, as a signal would, when the other end of a pipe is closed. pipe: descriptor of this end"""
     threading.Thread(target=_watch, args=(pipe,), name="lidarcodec attached", daemon=True).start()
 
 

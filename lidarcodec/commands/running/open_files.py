@@ -1,4 +1,4 @@
-"""raise_limit: commands that hold connections may open as many files as the system lets them."""
+"""raise_limit: raises the limit of open files for commands with many connections."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Final
 logger = logging.getLogger(__name__)
 
 ENOUGH: Final = 65_536
-"""Each connection is a file. More of them would take memory that the frames need."""
+"""Each connection is an open file. More connections would take memory that frames need."""
 
 
 def raise_limit() -> None:
-    """Raise this process's limit of open files to what is allowed, at most `ENOUGH`.
+    """Raise this process's limit of open files as far as the system allows, at most to `ENOUGH`.
 
-    The usual 1,024 are soon taken by connections of strangers, and nothing can be recorded then.
+    The usual limit is 1,024. Connections of strangers could use all of them, and then no file could be recorded.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = ENOUGH if hard == resource.RLIM_INFINITY else min(hard, ENOUGH)

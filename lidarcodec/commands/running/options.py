@@ -1,7 +1,7 @@
-"""The command line, each of whose options is also a variable of the environment.
+"""The command line. Every option is also an environment variable.
 
-`serve --port` is LIDARCODEC_SERVE_PORT and `token create --role` LIDARCODEC_TOKEN_CREATE_ROLE. What means the same to
-every command has no command in its name.
+`serve --port` is LIDARCODEC_SERVE_PORT and `token create --role` is LIDARCODEC_TOKEN_CREATE_ROLE. If an option means
+the same in all commands, the name of its variable has no command in it.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import typer
 from typer.main import get_command, get_command_name
 
 COMMON: Final = ("CONNECT", "LISTEN", "ZENOH_CONFIG", "DATABASE_URL")
-"""Options whose variables go without the command."""
+"""Options with a variable without the name of a command."""
 
 
 def variable(words: Sequence[str], name: str) -> str:
-    """The variable of an option.
+    """The name of an option's environment variable.
 
     >>> variable(["token", "create"], "--role"), variable(["serve"], "--database-url")
     ('LIDARCODEC_TOKEN_CREATE_ROLE', 'LIDARCODEC_DATABASE_URL')
@@ -28,10 +28,10 @@ def variable(words: Sequence[str], name: str) -> str:
 
 
 def command_line(app: typer.Typer, words: Sequence[str] = ()) -> Any:
-    """The command line of an app, with a variable for each option of each command.
+    """The command line of an app, with an environment variable for each option.
 
-    words: what it will be given. When they begin with the name of a command, only that one is built, which halves the
-    time until it runs.
+    words: the arguments. If they begin with the name of a command, only this command is built, which halves the time
+    until it runs.
     """
     command = get_command(_only(app, words[0]) if words else app)
     _name(command, ())
@@ -39,7 +39,7 @@ def command_line(app: typer.Typer, words: Sequence[str] = ()) -> Any:
 
 
 def _only(app: typer.Typer, name: str) -> typer.Typer:
-    """The app without its other commands; the whole app if it has none of that name."""
+    """The app with only this command; the whole app if it has no such command."""
     one = copy.copy(app)
     one.registered_commands = [each for each in app.registered_commands if _command_name(each) == name]
     one.registered_groups = [each for each in app.registered_groups if each.name == name]

@@ -1,4 +1,4 @@
-"""What a stopped command says: what it kept, the command that does the rest, and how to put both together."""
+"""The error of a stopped command: what it wrote, the command for the rest, and the command that joins both."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lidarcodec.commands.running.stopping import StoppedError
 from lidarcodec.files.whole import beside
 
 JOINED: Final = (".mcap", ".pcap")
-"""Endings of what `join` puts together."""
+"""Endings of the files that `join` accepts."""
 _COUNTS: Final = ("--skip", "--frames")
 _given: list[str] = []
 
 
 def remember(words: Sequence[str]) -> None:
-    """Take note of the words of the command that begins."""
+    """Remember the words of the command that begins."""
     _given[:] = words
 
 
@@ -28,7 +28,8 @@ def stopped(
 ) -> StoppedError:
     """The error to raise.
 
-    kept: where the first `done` frames behind `skip` are;  frames: how many were wanted;  live: nothing gives the rest
+    kept: file with the first `done` frames after `skip`;  frames: number of wanted frames;  live: whether the source is
+    live, so that it cannot give the rest
     """
     if kept is None:
         return StoppedError(f"stopped before the first frame: {out} was not written")
@@ -37,7 +38,7 @@ def stopped(
     rest = _free(out)
     left = None if frames is None else frames - done
     lines = [
-        f"stopped: {done} frames are kept in {kept}, the others are missing",
+        f"stopped: {done} frames are kept in {kept}; to get the others:",
         f"  the rest:  {_quoted(rest_words(_given, out, rest, skip + done, left))}",
     ]
     if out.suffix.lower() in JOINED:
@@ -47,7 +48,7 @@ def stopped(
 
 
 def rest_words(words: Sequence[str], out: Path, rest: Path, skip: int, frames: int | None) -> list[str]:
-    """The words of a command that writes to `rest` what comes behind the first `skip` frames.
+    """The words of a command that writes all frames after the first `skip` to `rest`.
 
     >>> words = ["encode", "a.pcap", "out.mcap", "--frames=9", "--skip", "1"]
     >>> rest_words(words, Path("out.mcap"), Path("rest.mcap"), 5, 5)
@@ -70,12 +71,12 @@ def rest_words(words: Sequence[str], out: Path, rest: Path, skip: int, frames: i
 
 
 def _word(path: Path) -> str:
-    """A path as a word of a command line, where none may look like an option."""
+    """A path as a word of a command line. It must not look like an option."""
     return f"./{path}" if str(path).startswith("-") else str(path)
 
 
 def _free(out: Path) -> Path:
-    """A name for the rest that nothing has yet."""
+    """A path for the rest that does not exist yet."""
     for number in count(1):
         name = beside(out, f".rest{'' if number == 1 else f'-{number}'}")
         if not os.path.lexists(name):

@@ -1,4 +1,4 @@
-"""How a command is run and ended: exit codes, errors in one line, standard streams, the end of the process."""
+"""Runs a command and ends it: exit codes, errors in one line, standard streams, the end of the process."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError,
 from lidarcodec.files.whole import drop_all
 
 _BY_TYPER = 130
-"""What typer makes of a KeyboardInterrupt."""
+"""typer's exit code for a KeyboardInterrupt."""
 _GO_ON = ("annotate", "train")
-"""Commands that keep their work as they go."""
+"""Commands that save their work while they run."""
 _USAGE = (SettingsError, UnknownNameError, MissingExtraError)
-"""Errors of usage: the caller has to change the command, or install an extra."""
+"""Usage errors: the user must change the command, or install an extra."""
 
 
 def _one_line(error: BaseException) -> str:
@@ -41,7 +41,7 @@ def _one_line(error: BaseException) -> str:
 
 
 def _complain(error: BaseException) -> int:
-    """Say in one line what is wrong; the exit code for it."""
+    """Print an error as one line. Returns its exit code."""
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         path = context.command_path if context else "lidarcodec"
@@ -62,27 +62,27 @@ def _complain(error: BaseException) -> int:
 
 
 def _flush() -> None:
-    """Write out what was printed; a stream is None where the caller closed it (`>&-`)."""
+    """Flush standard output and standard error. A stream is None if the caller closed it (`>&-`)."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
 
 
 def _unprinted() -> str | None:
-    """Write out what was printed; why that cannot be done, None if it was. Raises BrokenPipeError."""
+    """Flush standard output. Returns the reason if that fails, None otherwise. Raises BrokenPipeError."""
     try:
         _flush()
     except BrokenPipeError:
         raise
     except OSError as error:
-        with contextlib.suppress(OSError):  # else the interpreter tries again at its end
+        with contextlib.suppress(OSError):  # otherwise the interpreter tries again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return error.strerror or str(error)
     return None
 
 
 def run(app: typer.Typer, arguments: list[str]) -> int:
-    """Run one command; its exit code."""
+    """Run one command. Returns its exit code."""
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
     given = [word for word in arguments if word != "--debug"]
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
@@ -91,8 +91,8 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     if is_live(given):
         raise_limit()
     if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
-        # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
-        # Nor must names that the encoding of standard output does not have.
+        # Even with PYTHONUNBUFFERED a failed print must not end a command halfway. The same holds for names with
+        # characters that standard output cannot encode.
         sys.stdout.reconfigure(write_through=False)
         if sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="backslashreplace")
@@ -105,7 +105,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     except StoppedError as stopped:
         return _stopped(given, str(stopped))
     except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
-        # The reader of our output has closed it. The interpreter flushes once more at exit, which must not fail.
+        # The reader has closed our output. The interpreter flushes once more at exit, which must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return int(code or DONE) if signal_that_came() is None else _stopped(given)
     except Exception as error:
@@ -118,14 +118,14 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     if code == _BY_TYPER:
         return _stopped(given)
     if unprinted is not None:
-        # As cp, mv and tee have it: a script that keeps what is printed must know that it is lost.
+        # As in cp, mv and tee: a script that saves the printed output must learn that it is lost.
         lost = "the printed output is lost, but all output files are complete"
         sys.stderr.write(f"lidarcodec: cannot write to standard output: {unprinted}: {lost}\n")
     return int(code or (DONE if unprinted is None else FAILED))
 
 
 def _stopped(words: list[str], said: str = "") -> int:
-    """Say that a signal ended the command; the exit code for it."""
+    """Print that a signal ended the command. Returns the exit code."""
     ignore_signals()
     drop_all()
     if is_live(words):
@@ -138,7 +138,7 @@ def _stopped(words: list[str], said: str = "") -> int:
 
 
 def keep_standard_output() -> None:
-    """Keep standard output for what we print: the network library writes its log there, past Python."""
+    """Keep standard output for our own output: the network library writes its log to descriptor 1 directly."""
     _flush()
     ours = os.dup(1)
     zenoh_log.begin()
@@ -147,7 +147,7 @@ def keep_standard_output() -> None:
 
 
 def _open_standard_streams() -> None:
-    """Give what was closed before the start (`>&-`) a place to go; else the first socket would be standard output."""
+    """Open standard streams that the caller closed (`>&-`). Otherwise the first socket would become standard output."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
@@ -158,15 +158,17 @@ def _open_standard_streams() -> None:
 
 
 def main(app: typer.Typer) -> NoReturn:
-    """The process: run the command of the command line and end."""
+    """Run the command of the command line and end the process."""
     _open_standard_streams()
     code = run(app, sys.argv[1:])
     ignore_signals()
     with contextlib.suppress(OSError):
         _flush()
     if "zenoh" in sys.modules:
-        # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
-        # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        # Zenoh's threads live a moment longer than a closed session. If one of them calls the interpreter while it
+        # shuts
+        # down, the process aborts ("FATAL: exception not rethrown"). So skip that shutdown: everything of ours is
+        # closed.
         zenoh_log.end()
         os._exit(code)
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""Stopping between two frames: SIGINT and SIGTERM end work that writes a file without breaking what it is writing."""
+"""Stops work between two frames: after SIGINT or SIGTERM the file that is being written stays readable."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Item = TypeVar("Item")
 
 
 class StoppedError(Exception):
-    """A signal ended work before it was done; says what was kept, and how to do the rest."""
+    """A signal ended the work early. The text says what was kept and how to get the rest."""
 
 
 def interrupted_after(done: int, wanted: int) -> dict[str, bool | int]:
-    """What stands behind the results of a command that a signal ended, in its JSON."""
+    """The last entry in the JSON output of a command that a signal ended."""
     return {"complete": False, "interrupted": True, "done": done, "wanted": wanted}
 
 
 class _Came:
-    """The first signal of this command."""
+    """Holds the first signal of this command."""
 
     number: int | None = None
 
 
 def signal_that_came() -> int | None:
-    """The first signal that asked this command to end; None if there was none."""
+    """The first signal to this command; None if there was none."""
     return _Came.number
 
 
@@ -40,10 +40,10 @@ def _note(number: int) -> None:
 
 
 class Interrupter:
-    """The handler of a command that is still starting: it interrupts, and remembers that it did.
+    """The signal handler while a command starts: it raises KeyboardInterrupt, and remembers the signal.
 
-    The KeyboardInterrupt alone is not enough: raised while a module of native code is loaded, or something is thrown
-    away, Python tells of it and goes on.
+    KeyboardInterrupt alone is not enough: during the import of a native module or in a destructor Python only prints
+    it and continues.
     """
 
     def __init__(self) -> None:
@@ -55,9 +55,9 @@ class Interrupter:
         raise KeyboardInterrupt
 
     def install(self, *, hangup: bool = False) -> None:
-        """Take the signals, with nothing to remember yet.
+        """Handle the signals from here on, and forget earlier ones.
 
-        hangup: also SIGHUP, of a terminal that is closed, unless it is ignored, as `nohup` has it
+        hangup: also handle SIGHUP (a closed terminal), unless it is ignored, as under `nohup`
         """
         self.asked = False
         _Came.number = None
@@ -68,24 +68,26 @@ class Interrupter:
 
 
 def stop_asked() -> bool:
-    """Whether a signal asked a command that is still starting to end. For what takes signals in its own way then."""
+    """Whether a signal arrived during the start. For commands that handle signals themselves afterwards."""
     return any(isinstance(handler, Interrupter) and handler.asked for handler in map(signal.getsignal, SIGNALS))
 
 
 def ignore_signals() -> None:
-    """Nothing is left to be stopped: the command is ending."""
+    """Ignore signals from here on, because the command is ending."""
     for number in (*SIGNALS, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
-    """Function that says whether a signal asked to stop. A second one, a second later or more, interrupts at once.
+    """Gives a function that says whether a signal arrived. A second signal, at least a second later, interrupts at
+    once.
 
-    Often two signals mean one wish to stop: `timeout` signals both the process and its group, and a parent process on a
-    terminal passes on a signal that we had already. The second one must not cut off a file that is being finished.
+    Two signals in quick succession count as one: `timeout` signals both the process and its group, and a parent process
+    on a terminal passes on a signal that this process already got. The second one must not damage a file that is being
+    completed.
 
-    wake: called at the first signal, to end a read that waits
+    wake: called at the first signal, to end a blocking read
     """
     asked_s: float | None = None
 
@@ -112,7 +114,7 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
 
 
 class Watched(Generic[Item]):
-    """Items until a signal asks to stop. cut: whether there were more of them."""
+    """Iterates over items until a signal arrives. cut: whether items were left"""
 
     def __init__(self, items: Iterable[Item], stopped: Callable[[], bool]) -> None:
         self._items, self._stopped = items, stopped

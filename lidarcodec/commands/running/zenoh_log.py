@@ -1,7 +1,7 @@
-"""Zenoh's log: from standard output to standard error, one line of each kind a minute; the others are counted.
+"""Redirects Zenoh's log from standard output to standard error, one line of each kind a minute; others are counted.
 
-Zenoh writes its log past Python, and a line for every connection that it refuses, so strangers could fill a disk. Where
-the variable RUST_LOG is set somebody wants to see it all, and gets it as it is.
+Zenoh writes its log without Python, with a line for every refused connection, so strangers could fill a disk. If the
+variable RUST_LOG is set, the log is passed on unchanged.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lidarcodec.bridges.viewer_log import kind_of
 
 EVERY_S: Final = 60.0
 MOST_KINDS: Final = 32
-"""Strangers may choose words of a line, so there is a limit; all further kinds count as one."""
+"""Most kinds of lines. Strangers can choose words in a line, so there is a limit; all further kinds count as one."""
 END_S: Final = 1.0
 MAX_LINE: Final = 4096
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
@@ -26,7 +26,7 @@ _OTHERS: Final = "other lines"
 
 
 class Sparse:
-    """Which lines to pass on.
+    """Decides which lines to pass on.
 
     >>> clock = [0.0]
     >>> sparse = Sparse(lambda: clock[0])
@@ -41,7 +41,7 @@ class Sparse:
         self._kinds: dict[str, tuple[float, int]] = {}
 
     def passed(self, line: str) -> str | None:
-        """The line, with how many of its kind were left out before it; None if it is left out."""
+        """The line, with the number of omitted lines of its kind; None if this line is omitted."""
         kind = kind_of(line)
         if kind not in self._kinds and len(self._kinds) >= MOST_KINDS:
             kind = _OTHERS
@@ -54,20 +54,20 @@ class Sparse:
         return f"{line} (and {left_out} more of this kind)" if left_out else line
 
     def rest(self) -> Iterator[str]:
-        """What was left out and not told since, by kind."""
+        """Counts of omitted lines that were not reported yet, by kind."""
         for kind, (_, left_out) in self._kinds.items():
             if left_out:
                 yield f"{left_out} more of this kind: {kind}"
 
 
 class ZenohLog:
-    """Takes standard output of this process, descriptor 1, from `begin` to `end`."""
+    """Redirects standard output of this process, descriptor 1, from `begin` to `end`."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
-        """Take what is written there from now on; Python's own `sys.stdout` has to have another descriptor by now."""
+        """Begin to redirect. Python's own `sys.stdout` must already have another descriptor."""
         if os.environ.get("RUST_LOG"):
             os.dup2(2, 1)
             return
@@ -78,11 +78,11 @@ class ZenohLog:
         self._thread.start()
 
     def end(self) -> None:
-        """Pass on what is left; from then on what is written there goes to standard error."""
+        """Pass on the rest. From here on descriptor 1 is standard error."""
         thread, self._thread = self._thread, None
         if thread is not None:
             os.dup2(2, 1)
-            thread.join(END_S)  # processes that were started meanwhile may keep the pipe open
+            thread.join(END_S)  # child processes may keep the pipe open
 
 
 def _pass_on(reading: int) -> None:
@@ -96,9 +96,9 @@ def _pass_on(reading: int) -> None:
 
 def _write(line: str | None) -> None:
     if line is not None:
-        with contextlib.suppress(OSError):  # nobody reads it: go on, or Zenoh would wait
+        with contextlib.suppress(OSError):  # no reader: continue, otherwise Zenoh would block
             os.write(2, f"{line}\n".encode())
 
 
 zenoh_log: Final = ZenohLog()
-"""That of this process."""
+"""The log of this process."""

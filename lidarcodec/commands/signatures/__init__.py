@@ -1,1 +1,1 @@
-"""What each command takes: its arguments and options. What it does is in the module that it calls."""
+"""Arguments and options of each command. Its work is in the module that it calls."""

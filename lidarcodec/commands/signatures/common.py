@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options of several commands."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 MAX_FRAMES = 10**12
-"""More than three thousand years of them, and what Python can count to in packets."""
+"""Largest value of --frames: 3,000 years of frames; in packets it still fits Python's `islice`."""
 
 Source = Annotated[
     str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE.")
@@ -20,7 +20,7 @@ CalibrationFile = Annotated[
     Option(
         "--calibration",
         metavar="FILE",
-        help="Calibration: db.xml, ROS yaml, Hesai csv. Default: the one that `info` names.",
+        help="Calibration: db.xml, ROS yaml, Hesai csv. `info` names the default.",
     ),
 ]
 ModelName = Annotated[
@@ -28,7 +28,7 @@ ModelName = Annotated[
     Option(
         "--model",
         metavar="NAME",
-        help="Model of the sensor, such as vlp16. Default: the one that the packets show. `packets` takes any packets.",
+        help="Model of the sensor, such as vlp16. Default: detected from the packets. `packets` accepts any packets.",
     ),
 ]
 PosesFile = Annotated[
@@ -82,7 +82,7 @@ DatabasePassword = Annotated[
 
 
 def of_model(source: str, model: str | None) -> str:
-    """The source as text, with the model of its sensor among its options."""
+    """The source as text, with the option `model`."""
     if model is None:
         return source
     return f"{source}{'&' if '?' in source else '?'}{urlencode({'model': model})}"

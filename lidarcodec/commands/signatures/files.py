@@ -98,9 +98,7 @@ def verify(
     model: ModelName = None,
     allow_part: Annotated[
         bool,
-        Option(
-            "--allow-part", help="Accept a recording that holds only a part of the source. The report names the part."
-        ),
+        Option("--allow-part", help="Accept a recording with only a part of the source. The report names the part."),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -133,10 +131,10 @@ def annotate(
     ground: Annotated[
         str, Option("--ground", metavar="NAME", help="How ground is found: ransac or patchwork.")
     ] = "ransac",
-    share: Annotated[float, Option("--share", help="Share of all returns that are labelled high.")] = 1 / 12,
+    share: Annotated[float, Option("--share", help="Share of all returns to label high.")] = 1 / 12,
     every: Annotated[int, Option("--every", metavar="N", help="Build the map from every N-th scan.")] = 5,
     travel: Annotated[
-        float, Option("--travel", metavar="M", help="Least distance between poses that count, in metres.")
+        float, Option("--travel", metavar="M", help="Minimum distance between two used poses, in metres.")
     ] = 0.5,
     label_every: Annotated[int, Option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
     workers: Annotated[int, Option("--workers", min=1, metavar="N", help="Number of processes.")] = 1,
@@ -146,7 +144,7 @@ def annotate(
     model: ModelName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Label each return of a drive as high, low or ground. High: it was seen from many places. Continues an
+    """Label each return of a drive as high, low or ground. High: its place was seen from many poses. Continues an
     unfinished run."""
     from lidarcodec.commands import annotate as command
 

@@ -28,7 +28,7 @@ def swarm(
         bool,
         Option(
             "--shared",
-            help="Encode each frame once and send it for all vehicles. This loads receivers, but hardly this machine.",
+            help="Encode each frame once and send it for all vehicles. This loads receivers more than this machine.",
         ),
     ] = False,
     processes: Annotated[
@@ -59,7 +59,7 @@ def certs(
     ] = None,
     vehicle: Annotated[
         list[str] | None,
-        Option("--vehicle", metavar="NAME[@HOST]", help="A vehicle. It may publish its own streams only. Repeatable."),
+        Option("--vehicle", metavar="NAME[@HOST]", help="A vehicle. It may only publish its own streams. Repeatable."),
     ] = None,
     viewer: Annotated[
         list[str] | None, Option("--viewer", metavar="NAME", help="A viewer. It may receive. Repeatable.")
@@ -69,7 +69,7 @@ def certs(
         Option("--operator", metavar="NAME", help="An operator. It may receive and change settings. Repeatable."),
     ] = None,
     remove: Annotated[
-        list[str] | None, Option("--remove", metavar="NAME", help="Take all access from this name. Repeatable.")
+        list[str] | None, Option("--remove", metavar="NAME", help="Remove all access of this name. Repeatable.")
     ] = None,
     auth: Annotated[
         str | None,
@@ -111,10 +111,12 @@ def serve(
     tls_key: Annotated[
         Path | None, Option("--tls-key", metavar="FILE", help="Private key of --tls-certificate.")
     ] = None,
-    insecure: Annotated[bool, Option("--insecure", help="Listen beyond this machine even without any token.")] = False,
+    insecure: Annotated[
+        bool, Option("--insecure", help="Listen for other machines although there is no token.")
+    ] = False,
     open_again: Annotated[
         bool,
-        Option("--open", help="Allow access without a token again. For a server whose tokens have all been revoked."),
+        Option("--open", help="Allow access without a token again, after all tokens were revoked."),
     ] = False,
     metrics_open: Annotated[bool, Option("--metrics-open", help="Answer /metrics without a token.")] = False,
     max_streams: Annotated[
@@ -224,7 +226,7 @@ def serve(
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
 ) -> None:
-    """Serve the streams of a fleet over HTTP, to watch and change them (extra `server`). Ctrl-C stops it."""
+    """Run a web server to watch and change the streams of a fleet (extra `server`). Ctrl-C stops it."""
     from lidarcodec.commands import serve as command
 
     keep_standard_output()
@@ -252,7 +254,7 @@ def health(
         str | None, Option("--url", metavar="URL", help="Address of a server, for example http://127.0.0.1:8080.")
     ] = None,
 ) -> None:
-    """Check whether a publisher or a server of this machine works. If not: print what is wrong and exit with 1."""
+    """Check whether a publisher or a server on this machine works. If not, print what is wrong and exit with 1."""
     from lidarcodec.commands import health as command
 
     command.run(health_file, url)

@@ -67,7 +67,8 @@ def publish(
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
     record: Annotated[
-        Path | None, Option("--record", metavar="DIR", help="Also record the whole stream into DIR, whatever is sent.")
+        Path | None,
+        Option("--record", metavar="DIR", help="Also record the whole stream into DIR, independently of the network."),
     ] = None,
     record_as: Annotated[
         str | None, Option("--record-as", metavar="packets|lossless", help="Form of that recording. Default: packets.")
@@ -89,7 +90,7 @@ def publish(
         Option(
             "--poses",
             metavar="FILE|source",
-            help="Poses to send: a file (.npz, TUM or KITTI), or `source` for those of the source itself.",
+            help="Poses to send: a file (.npz, TUM or KITTI), or `source` for the poses in the source.",
         ),
     ] = None,
     original: Annotated[
@@ -118,7 +119,9 @@ def publish(
         ),
     ] = None,
 ) -> None:
-    """Publish a source over Zenoh. The newest frame is sent first. Stops when the source ends, or with Ctrl-C."""
+    """Publish a source over Zenoh. A newer frame replaces one that waits. Stops when the source ends, or with
+    Ctrl-C.
+    """
     from lidarcodec.commands.publish import command
 
     keep_standard_output()

@@ -1,4 +1,4 @@
-"""`--reduction`, `--keep-points`, `--keep-fraction`: short for `--set` of the settings of those names.
+"""`--reduction`, `--keep-points`, `--keep-fraction`: short forms of `--set` for these settings.
 
 >>> reduced(["intensity=off"], "voxel", "9000", None)
 ['intensity=off', 'reduction=voxel', 'keep_points=9000']
@@ -25,6 +25,6 @@ KeepFraction = Annotated[
 def reduced(
     pairs: Sequence[str] | None, reduction: str | None, keep_points: str | None, keep_fraction: str | None
 ) -> list[str]:
-    """The pairs of `--set`, and what the three options say as such pairs."""
+    """The pairs of `--set`, with the three options as further pairs."""
     options = {"reduction": reduction, "keep_points": keep_points, "keep_fraction": keep_fraction}
     return [*(pairs or []), *(f"{key}={value}" for key, value in options.items() if value is not None)]

@@ -1,4 +1,4 @@
-"""`lidarcodec train`: train networks on one's own drives (extra `learned`)."""
+"""`lidarcodec train`: trains networks on the user's own drives (extra `learned`)."""
 
 from __future__ import annotations
 

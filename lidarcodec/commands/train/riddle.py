@@ -1,4 +1,4 @@
-"""`lidarcodec train riddle`: the networks of codec riddle, from drives or simulated ones."""
+"""`lidarcodec train riddle`: trains the networks of codec riddle on recorded or simulated drives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def riddle(
             "--out",
             metavar="FILE",
             show_default=False,
-            help="Weight file to write. FILE.run beside it holds the run, which can be continued.",
+            help="Weight file to write. FILE.run next to it has the state of the run, to continue it later.",
         ),
     ] = ...,  # type: ignore[assignment]
     holdout: Annotated[
@@ -53,7 +53,7 @@ def riddle(
             "--tiles",
             metavar="SHARE",
             show_default="0.3 to 0.6, by network",
-            help="Share of weights that large networks keep, up to 1. More is slower and slightly better.",
+            help="Share of weights that large networks keep, up to 1. A larger share is slower and slightly better.",
         ),
     ] = None,
     size: Annotated[
@@ -72,7 +72,10 @@ def riddle(
     ] = None,
     framing: Annotated[str, Option("--framing", help="Framing of the stream that will use the networks.")] = "packets",
     frame_rows: Annotated[
-        int, Option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame for each quantiser step.")
+        int,
+        Option(
+            "--frame-rows", min=1, metavar="N", help="Number of returns to use of each frame, for each quantiser step."
+        ),
     ] = 5000,
     passes: Annotated[int, Option("--passes", min=1, metavar="N", help="Go through each source N times.")] = 1,
     units: Annotated[
@@ -80,7 +83,7 @@ def riddle(
         Option(
             "--units",
             metavar="auto|varied|own",
-            help="varied: also train for other units of the same sensor. own: do not. auto: "
+            help="varied: also train for other units of the same sensor. own: only for this unit. auto: "
             "varied for simulated drives.",
         ),
     ] = "auto",
@@ -123,5 +126,6 @@ def riddle(
     )  # fmt: skip
     weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
     for net in weights.provenance["networks"]:
-        print(f"{net['network']}: {net['in whole numbers']:.4f} bits a return on drives held out, ranges' first 5 bits")
+        bits = f"{net['in whole numbers']:.4f} bits a return"
+        print(f"{net['network']}: {bits} for the first 5 bits of ranges, on held-out drives")
     print(f"{out}: {len(weights.data)} bytes, weights {weights.name}")
