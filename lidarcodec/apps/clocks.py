@@ -1,14 +1,13 @@
-"""Clocks: offset of a publisher's clock from ours, with an error of at most half a round trip, also after clock jumps.
+"""Clocks: offset of a publisher's clock from ours. Its error is at most half a round trip, even after clock jumps.
 
-A receiver asks a publisher for its time, and notes when it asked and when the answer came. The publisher read its clock
+A receiver asks a publisher for its time, and notes the times of question and answer. The publisher read its clock
 between these two times (Cristian's algorithm, 1989). The answer with the shortest round trip has the smallest error.
 All waiting uses the monotonic clock, so a jump of a host's clock delays nothing. It only makes latencies unknown until
 the next answer.
 
 >>> offset = ClockOffset()
 >>> offset.answered(asked_ns=1_000_000, told_ns=6_000_000, answered_ns=3_000_000, monotonic_s=0.0)
->>> offset.offset_ms(0.0), offset.bound_ms(0.0)
-(4.0, 1.0)
+>>> offset.offset_ms(0.0), offset.bound_ms(0.0) (4.0, 1.0)
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ REMEMBERED: Final = 8
 
 
 class Clock(NamedTuple):
-    """The clocks of a machine. wall_ns: host time since the Unix epoch, which may jump; monotonic_s: never jumps."""
+    """The clocks of a machine. wall_ns: host time since the Unix epoch, may jump; monotonic_s: never jumps."""
 
     wall_ns: Callable[[], int] = time.time_ns
     monotonic_s: Callable[[], float] = time.monotonic
@@ -56,7 +55,9 @@ class ClockOffset:
         self.jumps = 0
 
     def look(self, wall_ns: int, monotonic_s: float) -> None:
-        """Read our own clocks. A jump of the host's clock changes the offset by as much."""
+        """Give it the present time of our own clocks. A jump of the host's clock changes the offset by the same
+        amount.
+        """
         if self._ours is not None:
             gone_ms = (wall_ns - self._ours[0]) / 1e6 - 1e3 * (monotonic_s - self._ours[1])
             if abs(gone_ms) > JUMP_MS:
@@ -123,13 +124,13 @@ class LatencyClock:
             self._last = None
 
     def restarted(self) -> None:
-        """Another publisher sends now, maybe on another machine."""
+        """Another publisher sends from here on, maybe on another machine."""
         with self._lock:
             self._offset.forget()
             self._last, self._distrust = None, False
 
     def latency_ms(self, last_ns: int, now_ns: int) -> float | None:
-        """Time from a publisher's stamp to `now_ns`, corrected if the clocks certainly differ; None when unknown."""
+        """Time from a publisher's stamp to `now_ns`, corrected if the clocks certainly differ; None if unknown."""
         with self._lock:
             now_s = self._clock.monotonic_s()
             self._offset.look(now_ns, now_s)
@@ -164,8 +165,8 @@ class LatencyClock:
         return 0.0 if offset is None or bound is None or abs(offset) <= bound else offset
 
     def _jumped(self, value: float, now_s: float) -> bool:
-        """Whether the publisher's clock was set: back, if latency grew by more than the time since the last frame; or
-        ahead, if a stamp is in the future."""
+        """Whether the publisher's clock was set. It was set back if latency grew by more than the time since the last
+        frame, and set ahead if a stamp is in the future."""
         if self._offset.offset_ms(now_s) is not None and value < -JUMP_MS:
             return True
         if self._last is None:

@@ -1,4 +1,4 @@
-"""A publisher's answers on its control keys: JSON in, JSON out. Errors are answers, too.
+"""A publisher's answers on its control keys: JSON in, JSON out. An error is also sent as an answer.
 
 An error is `{"error": text with a remedy, "field": the setting or null}`, with `retry_s` where the same query may
 succeed later.
@@ -51,7 +51,7 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
 
 def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
     """Raises SettingsError for a codec setting that may be a path, so that queries cannot find out which files exist on
-    this machine. Values that the command line of this machine set may be repeated.
+    this machine. Values from this machine's own command line are allowed.
     """
     given = changes.get("codec_settings")
     for name, value in given.items() if isinstance(given, dict) else ():

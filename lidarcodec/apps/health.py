@@ -71,7 +71,7 @@ class HealthFile:
         self._spare = SpareHandles(1)
 
     def __enter__(self) -> Self:
-        """Raises SettingsError when the file cannot be written, or is not a health file."""
+        """Raises SettingsError if the file cannot be written, or is not a health file."""
         self._check_place()
         try:
             self._write()
@@ -126,11 +126,12 @@ class HealthFile:
 
     def _write(self) -> None:
         now_s = time.monotonic()
-        told = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": [self._told(one, now_s) for one in self._states()]}
+        sensors = [self._fields_of(one, now_s) for one in self._states()]
+        contents = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": sensors}
         with self._spare.lent(), written_whole(self._path, sync=False) as beside:
-            beside.write_text(json.dumps(told) + "\n")
+            beside.write_text(json.dumps(contents) + "\n")
 
-    def _told(self, state: SensorState, now_s: float) -> dict[str, Any]:
+    def _fields_of(self, state: SensorState, now_s: float) -> dict[str, Any]:
         since = self._since.setdefault(state.stream, {})
         unsent_s = self._unchanged_s(since, "sent", state.sent, now_s)
         if not state.matching:  # nothing receives it
@@ -166,7 +167,7 @@ def _runs(process: int) -> bool:
     return True
 
 
-def told_in(
+def health_file_or_nothing(
     path: Path | None, states: Callable[[], Sequence[SensorState]]
 ) -> AbstractContextManager[HealthFile | None]:
     """A HealthFile at a path, or a context manager that does nothing without a path."""

@@ -70,7 +70,7 @@ class Mailbox(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Accept no more items; harmless when called twice."""
+        """Accept no more items. A second call does nothing."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()

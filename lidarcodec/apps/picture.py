@@ -46,9 +46,9 @@ _TURBO = np.array([
     [0.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604],
     [0.10667330, 12.64194608, -60.58204836, 110.36276771, -89.90310912, 27.34824973],
 ])  # fmt: skip
-"""Google's colour map Turbo as its authors approximate it: red, green and blue as polynomials of the level."""
+"""Google's colour map Turbo in its authors' approximation: red, green and blue as polynomials of the level."""
 COLOURS = np.rint(255 * np.clip(np.vander(np.linspace(0.0, 1.0, 256), 6, True) @ _TURBO.T, 0, 1)).astype(np.uint8)
-"""(256, 3): from dark blue to dark red."""
+"""(256, 3) colours, from dark blue to dark red."""
 
 
 def _colours(values: npt.NDArray[Any], low: float, high: float, reverse: bool = False) -> Image:

@@ -1,7 +1,7 @@
 """BackgroundRecorder: records a stream in its own thread, so that no frame waits for the disk.
 
-If the disk is too slow, the oldest items are dropped and counted. Some of the messages that it encodes, and some that
-the publisher sends, are decoded again and compared (spot_check.py).
+If the disk is too slow, the oldest items are dropped and counted. Samples of the recorded and of the sent messages are
+decoded again and compared (spot_check.py).
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
 @dataclass(frozen=True)
 class Record:
-    """Options for recording everything that a sensor sends, whatever is sent over the network.
+    """Options for recording all data of a sensor, independently of what is sent over the network.
 
-    folder: where its files are; form: raw `packets`, or a `lossless` stream
+    folder: folder of the files; form: raw `packets`, or a `lossless` stream
     limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of `recording.RotatingRecorder`
     """
 
@@ -54,7 +54,7 @@ class Record:
 
 
 class Cloud(NamedTuple):
-    """A decoded frame whose points are to be recorded."""
+    """A decoded frame with points to record."""
 
     frame: Frame
 
@@ -62,15 +62,15 @@ class Cloud(NamedTuple):
 class BackgroundRecorder:
     """Records messages and packets unchanged, frames as a lossless stream, or their points. Thread-safe.
 
-    counts: `dropped` (the disk, or the processor, was too slow), `unwritten` (what still waited at `close`), `errors`,
+    counts: `dropped` (disk or processor too slow), `unwritten` (items that still waited at `close`), `errors`,
             `recorded checked` and `recorded wrong` of a lossless stream, `sent checked` and `sent wrong` of messages
-            given to `sent`, and those of the RotatingRecorder
+            given to `sent`, and the counts of the RotatingRecorder
     """
 
     def __init__(self, folder: Path, keys: StreamKeys, settings: StreamSettings | None = None, **limits: int) -> None:
         """limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of the RotatingRecorder.
 
-        Raises SettingsError for limits that cannot be kept.
+        Raises SettingsError for limits that contradict each other.
         """
         self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, **limits)
         self._encoder: StreamEncoder | None = None
@@ -87,11 +87,11 @@ class BackgroundRecorder:
         self._thread.start()
 
     def message(self, data: bytes) -> None:
-        """Record one message, as `wire.pack` gave it."""
+        """Record one message, packed by `wire.pack`."""
         self._put(data)
 
     def packets(self, packets: Sequence[Packet]) -> None:
-        """Record a batch of packets as they came."""
+        """Record a batch of packets unchanged."""
         self._put(list(packets))
 
     def frame(self, frame: Frame) -> None:
@@ -99,7 +99,7 @@ class BackgroundRecorder:
         self._put(frame)
 
     def sent(self, frame: Frame, settings: StreamSettings, messages: Sequence[Message]) -> None:
-        """Spot check sent messages; they are not recorded. frame: as it was encoded"""
+        """Check samples of sent messages; they are not recorded. frame: the frame given to the encoder"""
         self._sent.offer(frame, settings, messages)
 
     def keep_clouds(self) -> None:
@@ -117,7 +117,7 @@ class BackgroundRecorder:
         return {"file": None if path is None else str(path), "stopped": self._files.stopped, "counts": counts}
 
     def close(self) -> None:
-        """Write what waits, in at most CLOSE_LIMIT_S, and end the file; harmless when called twice."""
+        """Write waiting items for at most CLOSE_LIMIT_S, and end the file. A second call does nothing."""
         with self._condition:
             self._closed = True
             self._condition.notify()
@@ -126,7 +126,7 @@ class BackgroundRecorder:
         if self._thread.is_alive():
             with self._condition:
                 self._own["unwritten"] = len(self._queue) + 1
-            logger.error("recording: the disk did not take the remaining data within %g s", CLOSE_LIMIT_S)
+            logger.error("recording: the remaining data could not be written within %g s", CLOSE_LIMIT_S)
         else:
             self._own.pop("unwritten", None)
         self._recorded.close()
@@ -134,7 +134,7 @@ class BackgroundRecorder:
 
     @property
     def writing(self) -> bool:
-        """Whether items wait for the disk; with a slow disk, also after `close`."""
+        """Whether items wait for the disk. With a slow disk this can last after `close`."""
         return self._thread.is_alive()
 
     def _put(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
@@ -159,7 +159,7 @@ class BackgroundRecorder:
                     self._write(item)
                 except LidarCodecError as error:
                     self._once.add("errors", error)
-                except Exception as error:  # a fault of this program loses this item, not the rest of the recording
+                except Exception as error:  # an error in this program loses only this item
                     logger.exception("unexpected error while recording")
                     self._once.add("errors", error)
         finally:

@@ -29,7 +29,7 @@ COUNTED = (
     "decode_errors",
     "missing_references",
 )
-"""Counts since the receiver's start."""
+"""Fields with counts since the receiver's start."""
 MEASURED = (
     "fps",
     "latency_p50_ms",
@@ -40,12 +40,13 @@ MEASURED = (
     "clock_offset_ms",
     "clock_bound_ms",
 )
-"""Measured over the newest values; null when unknown."""
+"""Fields with measurements over the newest values; null if unknown."""
 START = "start"
-"""A random number of the receiver: two servers report under one name."""
+"""A random number of the receiver, because two servers report under one name."""
 SUMMED = ("latency_sum_ms", "decode_sum_ms")
 COUNTED_TIMES = ("latency_buckets", "decode_buckets")
-"""Histograms since the receiver's start: counts for the bounds of `timings.BOUNDS_MS` and for what is longer."""
+"""Fields with histograms since the receiver's start: a count for each bound in `timings.BOUNDS_MS`, and for longer
+times."""
 
 
 STATUS_FIELDS = frozenset(
@@ -98,8 +99,8 @@ Report = dict[str, int | float | list[int] | None]
 
 
 class Arrival(NamedTuple):
-    """frame_index: of the message's first frame; now_ns: the receiver's host time; held_ns: how long the report was
-    kept back; checksum: of the message."""
+    """frame_index: index of the message's first frame; now_ns: the receiver's host time; held_ns: delay of the report;
+    checksum: checksum of the message"""
 
     frame_index: int
     now_ns: int

@@ -1,8 +1,8 @@
 """SpotCheck: decodes some of the messages of a live stream again, and compares them with their frames.
 
-It checks runs of messages: each starts at a key message and takes RUN_S of processor time. Then it pauses until that
-was SHARE of all time. So the cost does not depend on the codec, and inter frames are checked, too. The thread has a low
-priority. Messages that it cannot check in time are skipped.
+It checks runs of messages: each run starts at a key message and uses RUN_S of processor time. Then it pauses until the
+run was SHARE of all time. So the cost does not depend on the codec, and inter frames are checked, too. The thread has a
+low priority. Messages that it cannot check in time are skipped.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CLOSE_LIMIT_S: Final = 2.0
 
 
 class _Item(NamedTuple):
-    """A frame as it was encoded, and its messages; first: a run begins with it."""
+    """A frame given to the encoder, and its messages. first: whether a run begins with it"""
 
     frame: Frame
     settings: StreamSettings
@@ -46,8 +46,8 @@ class _Item(NamedTuple):
 class SpotCheck:
     """Checks one stream. Its thread starts with the first message.
 
-    what: names the stream in the log and in the counts
-    counts: `WHAT checked`, frames compared, and `WHAT wrong`, frames that did not decode within the bounds
+    what: name of the stream in the log and in the counts
+    counts: `WHAT checked`: compared frames;  `WHAT wrong`: frames that exceeded the bounds after decoding
     """
 
     def __init__(self, what: str) -> None:
@@ -63,9 +63,9 @@ class SpotCheck:
         self._thread: threading.Thread | None = None
 
     def offer(self, frame: Frame, settings: StreamSettings, messages: Sequence[Message]) -> None:
-        """A frame as it was encoded, with `keep` set where it was reduced, and the messages that became complete.
+        """Offer a frame given to the encoder (`keep` marks its reduction), and the messages that it completed.
 
-        Settings have to be the same object as long as they do not change.
+        Unchanged settings must be the same object.
         """
         with self._condition:
             if self._closed:
@@ -84,7 +84,7 @@ class SpotCheck:
                 self._thread.start()
 
     def close(self) -> None:
-        """Check what waits, in at most CLOSE_LIMIT_S, and end; harmless when called twice."""
+        """Check waiting messages for at most CLOSE_LIMIT_S, and end. A second call does nothing."""
         with self._condition:
             if self._closed:
                 return
@@ -94,16 +94,18 @@ class SpotCheck:
             self._thread.join(CLOSE_LIMIT_S)
         wrong, checked = self.counts[f"{self._what} wrong"], self.counts[f"{self._what} checked"]
         if wrong:
-            logger.warning("%s: %d checked frames did not decode correctly, %d did", self._what, wrong, checked)
+            logger.warning("%s: %d checked frames were wrong after decoding, %d were right", self._what, wrong, checked)
 
     def _may_begin(self, settings: StreamSettings, messages: Sequence[Message]) -> bool:
-        """Whether a run may begin here. Not with codecs whose decoders have a process of their own: they may crash."""
+        """Whether a run may begin here. Not with codecs that have a decoder process, because their decoders may
+        crash.
+        """
         if not messages or not messages[0].key or time.monotonic() < self._rest_until:
             return False
         return not table.codec(settings.codec).isolated
 
     def _run(self) -> None:
-        with contextlib.suppress(OSError):  # threads have priorities of their own on Linux
+        with contextlib.suppress(OSError):  # on Linux each thread has its own priority
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
         while True:
             with self._condition:
@@ -116,11 +118,11 @@ class SpotCheck:
             self._spent(time.thread_time() - began, enough=not held)
 
     def _held(self, item: _Item) -> bool:
-        """Whether the frames in the item's messages decode within the bounds."""
+        """Whether the frames in the item's messages are within the bounds after decoding."""
         if item.first:
             self._check = RoundTrip(item.settings, joining=True)
         check = self._check
-        if check is None:  # the run ended while this one waited
+        if check is None:  # the run ended while this item waited
             return True
         before = check.compared
         try:
@@ -130,7 +132,7 @@ class SpotCheck:
         except RoundTripError as error:
             self._wrong(error)
             return False
-        except Exception as error:  # a fault of the check itself: the stream goes on
+        except Exception as error:  # an error in the check itself: the stream continues
             logger.exception("unexpected error while checking messages")
             self._wrong(error)
             return False

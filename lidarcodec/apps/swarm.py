@@ -1,7 +1,7 @@
 """Swarm: many vehicles from one source, for load tests of a router, a server or a network.
 
-Every vehicle is a complete publisher that assembles and encodes by itself. They share the network session and the
-source, which is read once and played from memory. They start at different moments, as vehicles do.
+Every vehicle is a complete publisher that assembles and encodes frames. All vehicles share the network session and the
+source, which is read once and played from memory. They start at different times, like real vehicles.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MAX_VEHICLES = 1000
 def vehicle_names(prefix: str, first: int, count: int) -> list[str]:
     """Names of the vehicles of a swarm.
 
-    Raises SettingsError when the prefix cannot begin a name.
+    Raises SettingsError if a name cannot begin with the prefix.
 
     >>> vehicle_names("car", 8, 3)
     ['car-008', 'car-009', 'car-010']
@@ -37,9 +37,9 @@ def vehicle_names(prefix: str, first: int, count: int) -> list[str]:
 
 
 def loaded(spec: str, frames: int) -> tuple[SensorModel, list[Packet]]:
-    """The first frames of a source as packets: 0.4 MB each.
+    """Packets of the first frames of a source, 0.4 MB for each frame.
 
-    Raises SourceError when there is none, and what opening and reading raise.
+    Raises SourceError if there are none, and the errors of opening and reading.
     """
     with open_source(spec) as source:
         packets = list(part_of(source.packets(), 0, frames * FRAME_PACKETS))
@@ -49,19 +49,19 @@ def loaded(spec: str, frames: int) -> tuple[SensorModel, list[Packet]]:
 
 
 class MemorySource(PacketSource):
-    """Packets that are in memory already."""
+    """A source of packets in memory."""
 
     def __init__(self, sensor: SensorModel, packets: list[Packet]) -> None:
         super().__init__(sensor)
         self._packets = packets
 
     def packets(self) -> Iterator[Packet]:
-        """All of them, in order."""
+        """All packets, in order."""
         return iter(self._packets)
 
 
 class Swarm:
-    """Vehicles that each publish the same source for themselves. A context manager."""
+    """Vehicles that all publish the same source. Each encodes it itself. A context manager."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Swarm:
         self._publishers = [Publisher(source(), settings, vehicle=name, transport=self._opened) for name in names]
 
     def start(self) -> None:
-        """Open the network and begin. Raises TransportError when it cannot be opened, or `stop` was called."""
+        """Open the network and begin. Raises TransportError if it cannot be opened, or `stop` was called."""
         self._transport = open_transport(self._endpoints, stop=self._stop)
         for publisher in self._publishers:
             if self._stop.wait(self._every_s / len(self._publishers)):
@@ -93,11 +93,11 @@ class Swarm:
             publisher.start()
 
     def interrupt(self) -> None:
-        """Have `start` end soon. For signal handlers."""
+        """Make `start` return soon. For signal handlers."""
         self._stop.set()
 
     def stop(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._stop.set()
         for publisher in self._publishers:
             publisher.stop()

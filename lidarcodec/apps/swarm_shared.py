@@ -1,7 +1,7 @@
 """SharedSwarm: many vehicles that send the same encoded messages, so that encoding does not limit a load test.
 
-Each has its own stream: stream id, frame indices, current time stamps, key frames on request, status, and control keys.
-They do not wait for arrival reports. Settings cannot be changed, because nothing is encoded.
+Each vehicle has its own stream: stream id, frame indices, current time stamps, key frames on request, status, and
+control keys. It does not wait for arrival reports. Settings cannot be changed, because nothing is encoded again.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ STATUS_S = 1.0
 
 
 def encoded(sensor: SensorModel, packets: list[Packet], settings: StreamSettings) -> list[Message]:
-    """Messages of these packets, from a key frame on, to be sent again and again."""
+    """Messages of these packets, beginning with a key frame. They are sent repeatedly."""
     encoder = StreamEncoder(settings)
     messages = [message for frame in frames_of(packets, sensor, settings.framing) for message in encoder.encode(frame)]
     return messages + encoder.flush()
 
 
 class _Vehicle:
-    """One stream: its place in the messages, and counts of what it sent."""
+    """One stream: its position in the messages, and counts of sent messages."""
 
     def __init__(self, name: str, messages: list[Message], settings: StreamSettings, transport: Transport) -> None:
         self._keys, self._messages, self._settings = StreamKeys(name), messages, settings
@@ -58,7 +58,7 @@ class _Vehicle:
         ]
 
     def send(self) -> None:
-        """Put the next message, with the current time as stamp."""
+        """Send the next message, with the current time as stamp."""
         if self._key_wanted or self._place == len(self._messages):
             self._place, self._key_wanted = 0, False
         message = self._messages[self._place]
@@ -75,11 +75,11 @@ class _Vehicle:
         self._key_frames += message.key
 
     def tell(self) -> None:
-        """Put the status."""
+        """Send the status."""
         self._status.put(json.dumps(self.status()).encode())
 
     def status(self) -> dict[str, Any]:
-        """The fields of a status that a stream without an encoder has."""
+        """The status of a stream without an encoder."""
         return {
             "vehicle": self._keys.vehicle,
             "sensor": self._keys.sensor,
@@ -140,17 +140,17 @@ class SharedSwarm:
         self.failure: Exception | None = None
 
     def start(self) -> None:
-        """Open the network and begin. Raises TransportError when it cannot be opened, or `stop` was called."""
+        """Open the network and begin. Raises TransportError if it cannot be opened, or `stop` was called."""
         self._transport = open_transport(self._endpoints, stop=self._stop)
         self._vehicles = [_Vehicle(name, self._messages, self._settings, self._transport) for name in self._names]
         self._thread.start()
 
     def interrupt(self) -> None:
-        """Have `start` end soon. For signal handlers."""
+        """Make `start` return soon. For signal handlers."""
         self._stop.set()
 
     def stop(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._stop.set()
         ended([self._thread])
         for vehicle in self._vehicles:
@@ -170,7 +170,9 @@ class SharedSwarm:
         self.stop()
 
     def _run(self) -> None:
-        """Send for each vehicle when it is due; the vehicles are spread evenly over the time of one frame."""
+        """Send the messages of each vehicle when they are due. The vehicles are spread evenly over the time of one
+        frame.
+        """
         try:
             count, begin, told_s = len(self._vehicles), time.monotonic(), time.monotonic()
             turn = 0

@@ -36,9 +36,9 @@ TICK_S = 0.2
 
 @dataclass(frozen=True)
 class SensorPlan:
-    """One sensor: its name, how to open its source, and what to do with it.
+    """One sensor: its name, a function that opens its source, and options of its publisher.
 
-    live: whether to try again when the source fails; for a file that is useless
+    live: whether to try again if the source fails; useless for files
     """
 
     name: str
@@ -76,7 +76,7 @@ class Vehicle:
     def wait(self) -> None:
         """Wait until every source has ended, or `interrupt` is called.
 
-        Raises TransportError when the endpoints cannot be used.
+        Raises TransportError if the endpoints cannot be used.
         """
         while any(sensor.thread.is_alive() for sensor in self._sensors) and not self._interrupted:
             self._stop.wait(TICK_S)
@@ -84,11 +84,11 @@ class Vehicle:
                 raise self._failure
 
     def interrupt(self) -> None:
-        """Have `wait` return soon. The one method for signal handlers: it takes no lock."""
+        """Make `wait` return soon. Signal handlers may call this method only: it takes no lock."""
         self._interrupted = True
 
     def stop(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._stop.set()
         ended(sensor.thread for sensor in self._sensors)
         if self._transport is not None:
@@ -106,15 +106,15 @@ class Vehicle:
         return [sensor.status for sensor in self._sensors if sensor.status is not None]
 
     def failures(self) -> dict[str, LidarCodecError | OSError]:
-        """Why sensors publish nothing now, by name."""
+        """Errors of the sensors that do not publish now, by name."""
         return {sensor.plan.name: sensor.failure for sensor in self._sensors if sensor.failure is not None}
 
     def states(self) -> list[SensorState]:
-        """How every sensor is doing now, but for those whose source came to its end."""
+        """The current state of every sensor whose source has not ended."""
         return [one.state() for one in self._sensors if one.failure is not None or one.thread.is_alive()]
 
     def _open(self, stop: threading.Event) -> Transport:
-        """The session that all share; the first sensor opens it."""
+        """The shared session; the first sensor opens it."""
         with self._opening:
             if self._transport is None:
                 try:
@@ -146,7 +146,7 @@ class _Sensor:
         self.thread = threading.Thread(target=self._run, name=f"lidarcodec {plan.name}", daemon=True)
 
     def state(self) -> SensorState:
-        """How it is doing now."""
+        """The current state."""
         publisher, failure = self._publisher, self.failure
         if failure is not None or publisher is None:
             why = None if failure is None else str(failure)
@@ -199,7 +199,7 @@ class _Sensor:
 
 
 def _with_earlier(status: dict[str, Any], before: dict[str, Any] | None) -> dict[str, Any]:
-    """The status of a sensor that was opened again, with what its recording lacked before."""
+    """The status of a reopened sensor, with the recording errors of before."""
     earlier, now = (before or {}).get("recording"), status["recording"]
     if earlier is None or now is None:
         return status

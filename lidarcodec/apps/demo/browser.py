@@ -11,7 +11,7 @@ SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def browser() -> webbrowser.BaseBrowser | None:
-    """A browser with a window, or the one that the variable BROWSER names; None where there is none."""
+    """A browser with a window, or the one in the variable BROWSER; None if there is none."""
     if not os.environ.get("BROWSER") and sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         return None
     try:
@@ -23,7 +23,7 @@ def browser() -> webbrowser.BaseBrowser | None:
 
 
 def show(address: str) -> bool:
-    """Open the page, without waiting for it. False where there is no browser."""
+    """Open the page, without waiting for it. False if there is no browser."""
     found = browser()
     if found is None:
         return False

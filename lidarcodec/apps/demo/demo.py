@@ -140,8 +140,7 @@ class Demo:
     def run(self, server: PageServer, meeting_port: int) -> Figures:
         """Run, save the picture, print the summary. meeting_port: loopback port of the Zenoh session
 
-        Raises SourceError when no frame came or one of its processes failed, TransportError when the port that was
-        asked for is taken.
+        Raises SourceError if no frame came or one of its processes failed, TransportError if the given port is in use.
         """
         with (
             TemporaryFile() as complaints,
@@ -206,7 +205,7 @@ class Demo:
     def _watch(
         self, live: LiveStream, car: subprocess.Popen[bytes], server: PageServer | None, limit_s: float
     ) -> str | None:
-        """Show figures until the end; returns the reason of an early end, if any. server: of the page, or None"""
+        """Show figures until the end. Returns the reason of an early end, if any. server: the page's server, or None"""
         end = self._started + limit_s
         with _display(self._source) as show:
             while time.monotonic() < end and not self._stopped:
@@ -218,7 +217,7 @@ class Demo:
                         f"the publisher of {self._source} ended with code {car.returncode}" if car.returncode else None
                     )
                 if server is not None and server.ended and not self._stopped:
-                    return "the server of the page ended too soon"
+                    return "the server of the page stopped unexpectedly"
                 show(self, live)
         return None
 

@@ -1,4 +1,5 @@
-"""Adapting: sets the encoder's bitrate by the send times that Flight measures; the rule is `ratecontrol.adaptive`."""
+"""Adapting: sets the encoder's bitrate from the send times that Flight measures. `ratecontrol.adaptive` has the
+rule."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ class Aimed(Protocol):
 
 
 class Adapting:
-    """Measures the network with every message, also without a target, so that `auto` starts with a known bitrate.
+    """Measures the network with every message, even without a target, so that `auto` starts with a known bitrate.
 
     `aim` is for one thread; `report` is thread-safe.
     """

@@ -39,7 +39,7 @@ class Changes:
     ) -> None:
         self.asked = asked
         self.preparing: str | None = None
-        """The codec whose process is being started for a change."""
+        """The codec of a change that waits for its process to start."""
         self._encoder, self._isolation, self._choosing = coding.encoder, coding.isolation, coding.choosing
         self._sending = sending
         self._running, self._tell = running, tell
@@ -47,7 +47,7 @@ class Changes:
         coding.choosing.when_chosen(self._chosen)
 
     def change(self, changes: dict[str, Any]) -> Applied:
-        """Change some settings. The old codec goes on until the process of the new one is ready, if it needs one.
+        """Change some settings. If the new codec needs a process, the old codec encodes until that process is ready.
 
         Raises SettingsError, UnknownNameError or MissingExtraError; then nothing has changed.
         """
@@ -77,7 +77,9 @@ class Changes:
         return first, key
 
     def _prepare(self, wanted: StreamSettings) -> None:
-        """Wait for the codec's process. The status names the codec meanwhile, so that receivers start theirs, too."""
+        """Wait for the codec's process. Meanwhile the status names the codec, so that receivers also start their
+        process.
+        """
         if self._isolation.isolated(self._encoder.settings.codec) or not self._isolation.isolated(wanted.codec):
             return
         if not self._running():

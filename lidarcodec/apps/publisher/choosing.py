@@ -1,7 +1,7 @@
-"""CodecChooser: chooses the codec for `auto`, by the time that encoding a frame of the stream takes on this machine.
+"""CodecChooser: chooses the codec for `auto` by the time to encode a frame of the stream on this machine.
 
-The stream starts with a codec at once. A thread encodes the next frame with one codec after the other, best first. The
-stream changes to the first codec that is fast enough.
+The stream starts at once with a default codec. A thread encodes the next frame with one codec after the other, best
+first. The stream changes to the first codec that is fast enough.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from lidarcodec.wire import pack
 logger = logging.getLogger(__name__)
 
 SAMPLES: Final = 3
-"""Number of timed encodings for each codec. They follow one that is not timed, which loads libraries and weights."""
+"""Number of timed encodings for each codec. An untimed encoding before them loads libraries and weights."""
 MOST_LEFT_OUT: Final = 32
-"""Rate control may leave the frame out this many times before timing ends with the times measured so far."""
+"""Timing ends with the times so far if rate control has skipped the frame this many times."""
 LONGEST_S: Final = 1.0
 """Time after which no further codec is tried."""
 HOPELESS: Final = 3.0
@@ -100,7 +100,7 @@ class CodecChooser:
         return found._replace(codec=codec)._asdict()
 
     def close(self) -> None:
-        """Stop the thread; harmless when called twice."""
+        """Stop the thread. A second call does nothing."""
         self._closed = True
         thread = self._thread
         if thread is not None and thread is not threading.current_thread():
@@ -134,7 +134,7 @@ class CodecChooser:
 
     def _measured(self, asked: StreamSettings, frame: Frame, budget_ms: float) -> dict[str, float]:
         """Encoding time in ms by codec, best codec first, up to the first that is fast enough. With target `auto` the
-        stream may become lossless, which takes longest, so that is timed."""
+        stream may become lossless, which is slowest, so lossless encoding is timed."""
         target = None if asked.target_kbps == AUTO else asked.target_kbps
         times: dict[str, float] = {}
         end = time.monotonic() + LONGEST_S
@@ -154,7 +154,7 @@ class CodecChooser:
 def encode_ms(settings: StreamSettings, frame: Frame, budget_ms: float) -> float:
     """Mean time in ms to encode a frame with these settings and pack its messages.
 
-    The first encoding is not counted, nor are those in which rate control left the frame out.
+    It does not count the first encoding, and none in which rate control skipped the frame.
     """
     encoder = StreamEncoder(settings)
     took: list[float] = []

@@ -44,7 +44,7 @@ class Coding:
         self.isolation.start(self.codec)
 
     def close(self) -> None:
-        """End threads and processes; harmless when called twice."""
+        """End threads and processes. A second call does nothing."""
         self.choosing.close()
         self.learning.close()
         self.isolation.close()

@@ -1,4 +1,4 @@
-"""Desk: a publisher's handlers for the network: receivers that come and go, arrivals, reports, control queries."""
+"""Desk: a publisher's handlers for the network: joining and leaving receivers, arrivals, reports, control queries."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Controlled(Protocol):
 
 
 class Desk:
-    """Forwards what comes from the network. Called in threads of the transport, so it must be fast."""
+    """Forwards data from the network. Called in threads of the transport, so it must be fast."""
 
     def __init__(
         self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock, once: Once
@@ -106,7 +106,7 @@ class Desk:
         return {"first_frame": self._publisher.next_index, "merged": merged}
 
     def _take(self, allowance: Allowance, cause: str, what: str) -> None:
-        """Raises TooOftenError, and counts it, when the allowance is used up."""
+        """Raises and counts TooOftenError if the allowance is used up."""
         retry_s = allowance.take()
         if retry_s:
             error = TooOftenError(what, retry_s)

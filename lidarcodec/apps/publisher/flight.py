@@ -1,10 +1,11 @@
 """Flight: the messages under way, and whether the next one may be sent.
 
-Measured, nothing bounds latency better than one message in flight until its receiver reports arrival: it sees the
-buffers of every modem and router further along, which no setting of ours does. With a long round trip
-one leaves the link idle, so the number is 1 + round(round-trip time / time to send one).
+Only one message is in flight until its receiver reports the arrival. This bounds latency even when modems and routers
+on the path have large buffers, which no local setting can limit. With a long round trip one message would leave the
+link idle, so the number of messages is 1 + round(round-trip time / time to send one).
 
-    reports -> Proofs (which count) -> Followed (whose steer) -> UnderWay (what has arrived) -> PathTimes (what it took)
+reports -> Proofs (which reports count) -> Followed (which receiver controls) -> UnderWay (which messages arrived)
+-> PathTimes (how long they took)
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ WARNED_OF = 64
 class Flight:
     """Messages under way to the receiver that is followed. Thread-safe.
 
-    timeouts: messages sent although the one before was not reported
+    timeouts: messages sent although the message before was not reported
     switches: number of changes of the followed receiver
     """
 
@@ -44,7 +45,7 @@ class Flight:
         *,
         slow_server: bool = True,
     ) -> None:
-        """limit_s: longest wait for a report;  slow_server: as for `Followed`"""
+        """limit_s: longest wait for a report;  slow_server: as in `Followed`"""
         self._condition = threading.Condition()
         self._clock = clock
         self._followed = Followed(follow, clock, max(1.0, 3 * limit_s / FORGET_S), slow_server=slow_server)
@@ -89,22 +90,24 @@ class Flight:
             return self._followed.standing(name)
 
     def follow(self, name: str | None) -> None:
-        """Follow this receiver when it is there; None: the server, or the first receiver without a server."""
+        """Follow this receiver while it is connected. None: follow the server, or without a server the first
+        receiver.
+        """
         with self._condition:
             self._switch(lambda: setattr(self._followed, "named", name))
 
     def came(self, name: str) -> None:
-        """A receiver shows its token: it will report."""
+        """A receiver has declared its token: it will report."""
         with self._condition:
             self._switch(lambda: self._followed.came(name))
 
     def went(self, name: str) -> None:
-        """A receiver is gone."""
+        """A receiver has left."""
         with self._condition:
             self._switch(lambda: self._followed.went(name))
 
     def round_trip(self, name: str, rtt_s: float) -> None:
-        """Set the round trip that a receiver measured; its fastest report is an upper limit."""
+        """Set the round trip that a receiver measured. The time of its fastest report limits it."""
         with self._condition:
             if name in self._followed and 0.0 <= rtt_s <= 10.0:
                 self._followed[name].rtt_s = rtt_s
@@ -139,7 +142,7 @@ class Flight:
 
     @property
     def window(self) -> int:
-        """How many messages may be under way."""
+        """Largest number of messages under way."""
         with self._condition:
             return self._window()
 
@@ -151,7 +154,7 @@ class Flight:
     def sent(
         self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True
     ) -> None:
-        """A message of `size` bytes and `frames` frames is put now. alone: it decodes without others"""
+        """A message of `size` bytes and `frames` frames is sent now. alone: it can be decoded without other messages"""
         with self._condition:
             to, now = self._following(), self._clock()
             self._proofs.put(index, checksum, now)
@@ -185,7 +188,7 @@ class Flight:
         with self._condition:
             self._condition.notify_all()
 
-    # --- what is asked ----------------------------------------------------------------------------------------------
+    # --- queries ----------------------------------------------------------------------------------------------------
 
     def landings(self) -> list[Landing]:
         """Times of the messages that arrived or were given up since the last call."""

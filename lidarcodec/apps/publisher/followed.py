@@ -1,8 +1,8 @@
 """Followed: the receiver whose arrival reports control a publisher, and the reason.
 
 A receiver shows its presence with a liveliness token. It controls the stream only after it has proved that it receives:
-with a report that has the index and the checksum of a recent message. The checksum is known only to programs that
-received the message. A receiver without proof is waited for briefly, and only while no other has proved anything.
+with a report that has the index and the checksum of a recent message. Only programs that received the message know its
+checksum. The publisher waits briefly for a receiver without proof, and only while no other receiver has a proof.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ MAX_RECEIVERS = 256
 LISTED = 64
 """Most receivers in the status."""
 FORGET_S, UNPROVED_S = 10.0, 3.0
-"""Time without a report after which a receiver is not waited for until it reports again; also for its first report."""
+"""After this time without a report the publisher does not wait for a receiver until it reports again. This holds for
+its first report, too."""
 MEASURED, ENOUGH = 8, 4
-"""Number of newest reports that give a receiver's usual time, and the fewest that are needed."""
+"""Number of newest reports that determine a receiver's usual time, and the least number."""
 SLOWER_TIMES, SLOWER_S = 1.5, 0.03
-"""A receiver is clearly slower than another if its time is longer by this factor and by this much. A frame that fits
-its path is under way for 65 ms at 10 Hz. A single receiver that is later must not lower the quality of the others."""
+"""A receiver is clearly slower than another one if its time is longer by this factor and by this difference. At 10 Hz
+a message that fits the path takes about 65 ms. One slow receiver must not lower the quality of the others."""
 
 Why = Literal["follow", "server", "first", "quickest", "only"]
 """Why a receiver is followed: the setting names it; it is the server; it reported first; it is clearly faster than the
-one before; no receiver has reported in time."""
+previous one; no receiver has reported in time."""
 Standing = Literal[0, 1, 2, 3]
-"""0: shows no token; 1: shows one; 2: has proved that it receives; 3: is followed."""
+"""0: has no token; 1: has a token; 2: has proved that it receives; 3: is followed."""
 
 
 @dataclass
@@ -73,8 +74,8 @@ class Followed:
         *,
         slow_server: bool = True,
     ) -> None:
-        """patience: factor of the usual time for which a silent receiver is waited for
-        slow_server: whether the server is followed although it is clearly slower than others
+        """patience: the wait for a silent receiver, as a multiple of its usual time
+        slow_server: whether to follow the server even if it is clearly slower than others
         """
         self.named = named
         self._clock, self._patience, self._slow_server = clock, patience, slow_server
@@ -83,7 +84,7 @@ class Followed:
         self._why_first: Why = "first"
         self._last: str | None = None
         self.turned_away = 0
-        """Tokens of receivers that are not remembered for lack of room."""
+        """Tokens of receivers for which there was no room."""
 
     def __contains__(self, name: object) -> bool:
         return name in self._known
@@ -92,7 +93,7 @@ class Followed:
         return self._known[name]
 
     def came(self, name: str) -> None:
-        """A receiver shows a token."""
+        """A receiver has declared its token."""
         if name in self._known:
             return
         if len(self._known) >= MAX_RECEIVERS and not self._make_room(name):
@@ -170,7 +171,9 @@ class Followed:
         return known.silent_s is None or self._clock() - known.silent_s < limit_s
 
     def _choose_first(self) -> None:
-        """Choose the server, or the first receiver until it is silent or gone, or another one is clearly faster."""
+        """Choose the server, otherwise the first receiver, until it is silent or has left, or another one is clearly
+        faster.
+        """
         able = [name for name in self._known if self._steers(name)]
         measured = [(usual_s, name) for name in able if (usual_s := self._known[name].usual_s) is not None]
         quickest_s, quickest = min(measured, default=(None, None))

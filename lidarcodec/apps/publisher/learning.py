@@ -1,9 +1,9 @@
 """SpareLearning: a thread that trains a stream's encoder on sent frames, within the limit of its settings.
 
-Each encoded frame allows `learn_ms` of processor time of this thread. Time that is not used within a second of frames
-is lost, so that the thread never works to catch up. It has a lower priority than other threads, releases Python's lock
-while it computes, and works a few milliseconds at a time. With a free core the encoder is not slowed down; without
-one, the encoder goes first.
+Each encoded frame allows this thread `learn_ms` of processor time. Time that is not used within a second of frames
+expires, so the thread never has to catch up. It has a lower priority than other threads, releases Python's global lock
+while it computes, and works a few milliseconds at a time. With a free core it does not slow the encoder down; without
+a free core, the encoder has priority.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class SpareLearning:
         return None if learned is None else {**learned, "seconds": round(self._seconds, 3)}
 
     def close(self) -> None:
-        """End the thread; harmless when called twice."""
+        """End the thread. A second call does nothing."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -64,7 +64,7 @@ class SpareLearning:
             ended([self._thread])
 
     def _run(self) -> None:
-        with contextlib.suppress(OSError):  # threads have priorities of their own on Linux
+        with contextlib.suppress(OSError):  # on Linux each thread has its own priority
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
         while self._allowed():
             began = time.thread_time()

@@ -16,9 +16,9 @@ class Network:
     """Opens a transport, and closes it unless the caller gave it.
 
     endpoints: where to listen and connect; None: nothing leaves the machine
-    given: a transport that is open, or a function that opens one; endpoints then only say where it leads
+    given: an open transport, or a function that opens one; endpoints then only describe it
 
-    Raises TransportError for a configuration file that is none.
+    Raises TransportError for an invalid configuration file.
     """
 
     def __init__(self, endpoints: Endpoints | None, given: Transport | OpenTransport | None) -> None:
@@ -35,16 +35,16 @@ class Network:
             self.transport = given
 
     def open(self, stop: threading.Event) -> Transport:
-        """The transport. Tries until it is open or `stop` is set.
+        """The open transport. Retries until it is open or `stop` is set.
 
-        Raises TransportError when the endpoints cannot be used, and when stopped.
+        Raises TransportError if the endpoints cannot be used, or when stopped.
         """
         if self.transport is None:
             self.transport = self._open(stop)
         return self.transport
 
     def close(self) -> None:
-        """Close the transport unless the caller gave it; harmless when called twice."""
+        """Close the transport unless the caller gave it. A second call does nothing."""
         if self._own and self.transport is not None:
             self.transport.close()
 

@@ -1,7 +1,7 @@
 """Originals: frames before coding, for programs on the same machine that compare them with decoded frames.
 
-They are sent uncompressed (0.6 MB each) on a key of their own, and only while a program receives them, so that the
-option costs nothing otherwise. The encoder never waits: frames that cannot be packed in time are left out.
+They are sent uncompressed (0.6 MB each) on a key of their own, and only while a program receives them. Otherwise the
+option costs nothing. The encoder never waits: frames that cannot be packed in time are skipped.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ JOIN_S = 5.0
 
 
 def check_local(endpoints: Endpoints) -> None:
-    """Raise SettingsError if originals would leave the machine: they take 50 Mbit/s, which no setting limits."""
+    """Raise SettingsError if originals would leave the machine: they need 50 Mbit/s, and no setting limits that."""
     if not endpoints.on_this_machine:
         raise SettingsError(
             "--original sends uncompressed frames on this machine only: leave it out, or connect to 127.0.0.1",
@@ -57,7 +57,7 @@ class Originals:
             self._mailbox.put(frame)
 
     def close(self) -> None:
-        """End; harmless when called twice."""
+        """End. A second call does nothing."""
         self._mailbox.close()
         if self._thread.is_alive():
             self._thread.join(JOIN_S)

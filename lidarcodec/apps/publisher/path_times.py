@@ -1,5 +1,5 @@
-"""PathTimes: times of messages on the path to the followed receiver. They give the number of messages that may be under
-way, and the longest wait for a report."""
+"""PathTimes: times of messages on the path to the followed receiver. They determine how many messages may be under way,
+and the longest wait for a report."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from lidarcodec.apps.timings import Timings, percentile
 from lidarcodec.ratecontrol.adaptive import Landing
 
 LIMIT_S: Final = 1.0
-"""Longest wait for a report. Then the next message is sent anyway, and another receiver that reports is followed."""
+"""Longest wait for a report. After it the next message is sent anyway, and the publisher follows another receiver that
+reports."""
 SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
-"""Where so many reports came in less than a quarter of it, a message without one is given up after so long already: a
-lost message, or report, then costs three frames and not ten. Each further one in a row doubles it. Not so where
-messages need others: a busy receiver would lose what later ones refer to."""
+"""The wait is shorter on a fast path: SOONEST_TIMES its usual time, at least SOONEST_S, once there are KNOWN_REPORTS
+reports. So a lost message or report costs three frames instead of ten. Each further loss in a row doubles the wait. It
+is not shortened for messages that need others, because a busy receiver would lose their references."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
-"""The same for the first messages of another codec. The receiver may have to start its decoder, which delays the report
-of the second message. Messages sent meanwhile would replace each other at the receiver, though later ones may need
-them."""
+"""Longest wait for a report after a change of codec. The receiver may have to start its decoder, which delays the
+report of the second message. Messages sent meanwhile would replace each other at the receiver, although later ones may
+need them."""
 MAX_IN_FLIGHT: Final = 4
 SHORT_PATH_S: Final = 0.010
 """Shorter round trips need only one message in flight: the link is idle for a negligible time."""
@@ -31,7 +32,7 @@ SEND_TIMES: Final = 9
 class PathTimes:
     """Measures a path. Not thread-safe: `Flight` holds a lock.
 
-    limit_s: longest wait for a report; more than LIMIT_S where no frame may be lost
+    limit_s: longest wait for a report; longer than LIMIT_S if no frame may be lost
     arrive_ms: times from put to report
     """
 
@@ -55,7 +56,7 @@ class PathTimes:
         self._took_s.append(now - sent.at_s)
         self.arrive_ms.add(1e3 * (now - sent.at_s))
         held_s = min(max(held_s, 0.0), now - sent.at_s)
-        free = now - rtt_s - held_s  # when the path was free again, on the publisher's side
+        free = now - rtt_s - held_s  # when the path was free again, by the publisher's clock
         send_s = max(0.0, free - max(sent.at_s, self._last_free))
         self._last_free = max(free, self._last_free)
         if not late:
@@ -65,7 +66,7 @@ class PathTimes:
     def gave_up(self, waiting: Sequence[Sent], now: float) -> None:
         """These messages, oldest first, were not reported in time."""
         self._given_up += 1
-        if waiting:  # all of it was under way for as long as the oldest
+        if waiting:  # all of them were under way as long as the oldest
             all_of_it = waiting[0]._replace(size=sum(one.size for one in waiting))
             self._landed(all_of_it, now - all_of_it.at_s, 0.0, now, landed=False)
 
@@ -93,14 +94,16 @@ class PathTimes:
         """Longest wait for a report in seconds: longer on slow paths, shorter on fast ones."""
         usual = percentile(sorted(self._send_s), 0.5) or 0.0
         limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
-        together = not all(one.alone for one in waiting)  # a receiver that is only busy would lose one
+        together = not all(one.alone for one in waiting)  # otherwise a busy receiver would lose one of them
         if together or self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
             return limit
         soon = max(SOONEST_S, SOONEST_TIMES * (percentile(sorted(self._took_s), 0.9) or 0.0))
         return float(min(limit, soon * 2**self._given_up))
 
     def is_silence(self, limit_s: float) -> bool:
-        """Whether a receiver counts as silent after this wait. After a shorter one, a message or report was lost."""
+        """Whether a receiver counts as silent after this wait. After a shorter wait only a message or report was
+        lost.
+        """
         return limit_s >= self._limit_s
 
     def _landed(self, sent: Sent, send_s: float, rtt_s: float, now: float, *, landed: bool = True) -> None:

@@ -15,7 +15,8 @@ from collections import Counter, OrderedDict
 from typing import Final, NamedTuple
 
 PROOFS: Final = 64
-"""Number of newest messages that can be reported: those of some seconds, which may wait at a slow link."""
+"""Number of newest messages that can be reported. They cover some seconds, because reports can be late on a slow
+link."""
 REFUSED: Final = ("no_token", "not_sent", "wrong_checksum", "repeated")
 """Reasons why a report does not count."""
 
@@ -48,7 +49,9 @@ class Proofs:
             self._proofs.popitem(last=False)
 
     def taken(self, name: str, index: int, checksum: int | None, *, shows_token: bool) -> float | None:
-        """Time of put of the message that a receiver reports. None if the report does not count: it is counted."""
+        """Send time of the message that a receiver reports. None if the report does not count; the refusal is
+        counted.
+        """
         refused = self._why_not(name, index, checksum, shows_token=shows_token)
         if refused is not None:
             self.refused[refused] += 1

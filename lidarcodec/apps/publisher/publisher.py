@@ -4,8 +4,8 @@
     encode thread    waits until the last message has arrived -> newest frame -> encoder -> bytes -> network
     status thread    once a second: status as JSON
 
-The source never waits for the encoder, nor the encoder for the network: frames that come too fast are replaced in the
-mailbox, before they are encoded, and counted.
+The source never waits for the encoder, and the encoder never waits for the network. Frames that come too fast are
+replaced in the mailbox before they are encoded, and counted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.network import Network, OpenTransport
 from lidarcodec.apps.publisher.originals import Originals, check_local
 from lidarcodec.apps.publisher.path_times import LIMIT_S
-from lidarcodec.apps.publisher.sending import Beside, Sending, Told
+from lidarcodec.apps.publisher.sending import Counters, Sending, SideOutputs
 from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed, Rate
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, Record
@@ -53,9 +53,9 @@ LAST_FRAME_S = 1.0
 """Time for the last frame at the end, before the encoder's process is killed."""
 STATUS_S = 1.0
 START_S = 1.0
-"""Time for which `start` waits for the network: long enough to find endpoints that cannot be used."""
+"""How long `start` waits for the network: long enough to find unusable endpoints."""
 LAST_READ_S = 5.0
-"""Time to read and record the packets that wait at the end, at most those of 4.7 s."""
+"""Time to read and record the waiting packets at the end; these are at most the packets of 4.7 s."""
 JOIN_S = 10.0
 
 
@@ -66,14 +66,14 @@ class Publisher:
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
     endpoints: where to listen and connect; by default nothing leaves the machine
-    transport: one that is open, or a function that opens one, given the event that stops it. It stays the caller's;
-               endpoints then only say where it leads
-    poses:     where the sensor was, sent with each frame
-    original:  also send uncompressed frames to local viewers that compare, while there are any
+    transport: an open transport, or a function that opens one (argument: the event that stops it). The caller closes
+               it; endpoints then only describe it
+    poses:     poses of the sensor, sent with each frame
+    original:  also send uncompressed frames while a local viewer compares
     record:    records all packets or frames, whether sent or not: a `Record`, or a folder for raw packets
-    isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
-               crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
-    clock:     tells the time
+    isolate:   which encoders run in their own process: `always`, `never`, or `auto` (those with native code that may
+               crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
+    clock:     the clocks of this machine
     """
 
     def __init__(
@@ -92,8 +92,8 @@ class Publisher:
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
-        """Raises SettingsError or UnknownNameError when settings, names or limits are not allowed, and TransportError
-        for a configuration file that is none.
+        """Raises SettingsError or UnknownNameError if settings, names or limits are not allowed, and TransportError for
+        an invalid configuration file.
         """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
@@ -117,9 +117,10 @@ class Publisher:
             check_local(self._network.endpoints)
             self._originals = Originals(self.keys, self.stream_id, self._once)
         self._board = StatusBoard(self.keys, self.stream_id, clock)
-        told, beside = Told(self._board, self._once), Beside(self._originals, self._recorder)
+        counters = Counters(self._board, self._once)
+        side_outputs = SideOutputs(self._originals, self._recorder)
         self._sending = Sending(
-            self._coding, self._feed, self._flight, told, self._stop, every=self._every, beside=beside
+            self._coding, self._feed, self._flight, counters, self._stop, every=self._every, side_outputs=side_outputs
         )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
         self._tell_now = threading.Event()
@@ -151,9 +152,9 @@ class Publisher:
         return self._coding.encoder.stream_id
 
     def start(self) -> Self:
-        """Open the network and begin. An unreachable router is tried again while the source runs.
+        """Open the network and begin. If the router is unreachable, it tries again while the source runs.
 
-        Raises TransportError when the endpoints cannot be used.
+        Raises TransportError if the endpoints cannot be used.
         """
         if self._begun:
             raise TransportError("a publisher can be started only once: create a new one")
@@ -172,7 +173,7 @@ class Publisher:
     def run(self) -> None:
         """Start, and return when the source ends, or `interrupt` or `stop` is called.
 
-        Raises what ended the source: SourceError, PacketError; TransportError when the endpoints cannot be used.
+        Raises SourceError or PacketError of the source; TransportError if the endpoints cannot be used.
         """
         with self:
             self.wait()
@@ -180,7 +181,9 @@ class Publisher:
             raise self._failure
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until the source has ended and everything was sent, or until interrupted; returns whether that is so."""
+        """Wait until the source has ended and everything was sent, or until interrupted. Returns whether it has
+        ended.
+        """
         end = None if timeout_s is None else time.monotonic() + timeout_s
         while not self._done.is_set():
             left = TICK_S if end is None else end - time.monotonic()
@@ -194,7 +197,7 @@ class Publisher:
         self._interrupted = True
 
     def stop(self) -> None:
-        """End everything: threads, network, recording, source. Harmless when called twice."""
+        """End everything: threads, network, recording, source. A second call does nothing."""
         self._stop.set()
         self._end()
         self._feed.mailbox.close()
@@ -236,15 +239,15 @@ class Publisher:
         return self._board.status(self.settings, self._feed, parts)
 
     def change(self, /, **changes: Any) -> Applied:
-        """Change settings between two frames, all of them or none. The old codec encodes until the process of the new
-        one is ready, if it needs one.
+        """Change settings between two frames, all of them or none. If the new codec needs a process, the old codec
+        encodes until that process is ready.
 
         Raises SettingsError or UnknownNameError.
         """
         return self._changes.change(changes)
 
     def request_key(self) -> bool:
-        """Make the next message a key frame. Requests within half a second count as one. True: not the first one."""
+        """Make the next message a key frame. Requests within half a second are merged. True: there already was one."""
         return self._sending.request_key()
 
     def _runs(self) -> bool:
@@ -259,7 +262,7 @@ class Publisher:
     def _feed_frames(self) -> None:
         try:
             self._feed.run(wait=self._every)
-        except BaseException as error:  # a panic of native code is no Exception
+        except BaseException as error:  # a panic of native code is not an Exception
             if not self._stop.is_set():
                 logger.warning("the source ended: %s", error)
                 self._failure = self._failure or told(error)
@@ -273,7 +276,7 @@ class Publisher:
             sender = self._declare(self._network.open(self._stop))
             self._opened.set()
             self._sending.run(sender)
-        except BaseException as error:  # a panic of native code is no Exception
+        except BaseException as error:  # a panic of native code is not an Exception
             if not self._stop.is_set():
                 self._failure = self._failure or told(error)
         finally:

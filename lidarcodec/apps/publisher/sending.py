@@ -1,4 +1,4 @@
-"""Sending: the encode thread of a publisher. Newest frame -> encoder -> bytes -> network, one at a time."""
+"""Sending: the encode thread of a publisher. Newest frame -> encoder -> bytes -> network, one frame at a time."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ KEY_INTERVAL_S = 0.5
 LAST_ARRIVAL_S = 2.0
 
 
-class Told(NamedTuple):
+class Counters(NamedTuple):
     """Counters of a publisher: of sent messages, and of errors."""
 
     board: StatusBoard
     once: Once
 
 
-class Beside(NamedTuple):
-    """Other consumers: `originals` gets frames before coding, `recorder` sent messages, to decode some again."""
+class SideOutputs(NamedTuple):
+    """Other outputs: `originals` gets frames before coding, `recorder` gets sent messages and decodes some again."""
 
     originals: Originals | None = None
     recorder: BackgroundRecorder | None = None
@@ -53,16 +53,16 @@ class Sending:
         coding: Coding,
         feed: FrameFeed,
         flight: Flight,
-        told: Told,
+        counters: Counters,
         stop: threading.Event,
         *,
         every: bool,
-        beside: Beside,
+        side_outputs: SideOutputs,
     ) -> None:
         self._coding, self._encoder = coding, coding.encoder
         self._feed, self._mailbox, self._flight = feed, feed.mailbox, flight
-        self._board, self._once = told
-        self._stop, self._every, self._beside = stop, every, beside
+        self._board, self._once = counters
+        self._stop, self._every, self._side_outputs = stop, every, side_outputs
         self._encoding = threading.Lock()
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
@@ -77,7 +77,7 @@ class Sending:
         return self._feed.sensor
 
     def request_key(self) -> bool:
-        """Make the next message a key frame. Requests within half a second count as one. True: not the first one."""
+        """Make the next message a key frame. Requests within half a second are merged. True: there already was one."""
         before = self._key_wanted.is_set()
         self._key_wanted.set()
         return before
@@ -99,7 +99,7 @@ class Sending:
         return first, key
 
     def run(self, sender: Sender) -> None:
-        """Send until the source ends, with the frames that the encoder holds back, or until stopped."""
+        """Send until the source ends, including frames that the encoder still holds, or until stopped."""
         while not self._stop.is_set() and not self._mailbox.finished:
             if not self.matching:
                 if self._every:
@@ -118,7 +118,9 @@ class Sending:
             self._flight.wait_landed(LAST_ARRIVAL_S)
 
     def _coder_ready(self) -> bool:
-        """Whether a frame may be taken from the mailbox. The last frame does not wait for a resting process."""
+        """Whether to take a frame from the mailbox. The last frame does not wait for a process that rests after
+        failures.
+        """
         isolation = self._coding.isolation
         if isolation.ready(self._coding.codec, TICK_S):
             return True
@@ -126,8 +128,8 @@ class Sending:
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
-        if self._beside.originals is not None:
-            self._beside.originals.offer(frame)
+        if self._side_outputs.originals is not None:
+            self._side_outputs.originals.offer(frame)
         self._coding.choosing.offer(frame)
         key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
         start = time.perf_counter()
@@ -152,16 +154,16 @@ class Sending:
         if any(message.key for message in messages):
             self._last_key = now
         for number, (message, packed) in enumerate(data):
-            if number > 0:  # messages of the previous codec, which held frames back
+            if number > 0:  # messages of the previous codec, which still held frames
                 self._wait_alone()
             self._put(sender, message, packed)
         if left_out:
             self._board.left_out += 1
-        elif self._beside.recorder is not None:
-            self._beside.recorder.sent(encoded, settings, messages)
+        elif self._side_outputs.recorder is not None:
+            self._side_outputs.recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:
-        """Whether the next message would need one that was given up and may not have arrived."""
+        """Whether the next message would need a given-up message that may not have arrived."""
         return any(self._refers or message.key for message in self._flight.given_up())
 
     def _wait_alone(self) -> None:
@@ -195,4 +197,4 @@ class Sending:
             self._put(sender, message, packed)
 
 
-__all__ = ["Beside", "Sending", "Told"]
+__all__ = ["Counters", "Sending", "SideOutputs"]

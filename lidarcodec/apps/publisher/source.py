@@ -22,7 +22,7 @@ from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_INTERVAL_US
 
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
-"""Frames of 348 packets that a sensor sends a second: 9.98."""
+"""Frames of 348 packets that an HDL-64E sends in a second: 9.98."""
 RECORD_BATCH = FRAME_PACKETS
 Rate = float | Literal["max"]
 TICK_S = 0.2
@@ -96,11 +96,11 @@ class FrameFeed:
     def run(self, *, wait: bool) -> None:
         """Read to the end. wait: wait for the consumer instead of replacing frames.
 
-        Raises SourceError or PacketError when the source does.
+        Raises SourceError or PacketError if the source does.
         """
         try:
             self._read(wait=wait)
-        finally:  # what was read is kept, however the reading ended
+        finally:  # keep what was read, even after an error
             if self._recorder is not None:
                 self._record_batch(self._recorder)
 
@@ -142,7 +142,7 @@ class FrameFeed:
         self._paced.close()
 
     def _leave(self, frame: Frame, *, wait: bool) -> bool:
-        """Put a frame into the mailbox. True: the assembler was replaced, so the next frame's first packet must be
+        """Put a frame into the mailbox. True: there is a new assembler, so the first packet of the next frame must be
         pushed again."""
         lost = False
         frame = posed(frame, self._poses, self._shift_ns(frame.stamp_ns))

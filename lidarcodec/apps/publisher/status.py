@@ -26,7 +26,7 @@ RATE_WINDOW_S = 5.0
 
 
 class StatusBoard:
-    """Counters of what was sent, and the last reports of receivers. Thread-safe."""
+    """Counters of sent messages, and the last reports of receivers. Thread-safe."""
 
     def __init__(self, keys: StreamKeys, stream_id: int, clock: Clock = SYSTEM) -> None:
         self._keys, self._stream_id, self._clock = keys, stream_id, clock
@@ -52,9 +52,9 @@ class StatusBoard:
             self._last_index = index + frames - 1
 
     def report(self, name: str, data: bytes, standing: Standing) -> float | None:
-        """Keep a receiver's report; returns the round trip in it in ms, if any.
+        """Store a receiver's report. Returns its round trip in ms, if it has one.
 
-        Invalid reports are ignored, and so are reports of names without a token.
+        Invalid reports, and reports of names without a token, are ignored.
         """
         values = read_report(data) if standing > 0 else None
         if values is None:
@@ -86,7 +86,7 @@ class StatusBoard:
                 "frame_index": self._last_index,
             }
             no_receiver, left_out = self.no_receiver, self.left_out
-        sensor, replaced = feed.sensor, feed.replaced  # before `assembled`: never more than there were
+        sensor, replaced = feed.sensor, feed.replaced  # read before `assembled`, so that it is never larger
         return {
             "vehicle": self._keys.vehicle,
             "sensor": self._keys.sensor,

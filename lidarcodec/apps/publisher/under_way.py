@@ -1,4 +1,4 @@
-"""UnderWay: the messages put recently, and those whose report is awaited."""
+"""UnderWay: the recently sent messages, and those whose report is still missing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ REMEMBERED: Final = 16
 
 
 class Sent(NamedTuple):
-    """A message that was put: when, how large, whether a key frame, whether it can be decoded without others, of how
-    many frames, and who was followed."""
+    """A sent message: its time, size, whether it is a key frame, whether it can be decoded without others, its
+    number of frames, and the followed receiver."""
 
     at_s: float
     size: int
@@ -30,15 +30,15 @@ class UnderWay:
     def __init__(self) -> None:
         self._sent: OrderedDict[int, Sent] = OrderedDict()
         self._open: set[int] = set()
-        self._late: set[int] = set()  # given up: not a measurement if they arrive after all
+        self._late: set[int] = set()  # given up: no measurement, even if they arrive later
         self.unreported = 0
 
     def __len__(self) -> int:
-        """Number of messages whose report is awaited."""
+        """Number of messages without a report yet."""
         return len(self._open)
 
     def put(self, index: int, sent: Sent) -> list[Sent]:
-        """A message is put; its report is awaited if a receiver is followed. Returns messages dropped for it."""
+        """A message is sent. It waits for a report if a receiver is followed. Returns messages that it replaces."""
         self._sent[index] = sent
         if sent.to is not None:
             self._open.add(index)
@@ -52,7 +52,7 @@ class UnderWay:
         return self._sent.get(index)
 
     def is_late(self, index: int) -> bool:
-        """Whether a message was given up, or put while another receiver was followed."""
+        """Whether a message was given up, or sent while another receiver was followed."""
         return index in self._late
 
     def arrived(self, index: int, name: str) -> None:
@@ -67,7 +67,7 @@ class UnderWay:
             self.unreported += sent.frames
 
     def waiting(self) -> list[Sent]:
-        """The messages whose report is awaited, oldest first."""
+        """The messages without a report yet, oldest first."""
         return [self._sent[one] for one in sorted(self._open)]
 
     def give_up(self) -> None:

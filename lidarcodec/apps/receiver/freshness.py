@@ -1,9 +1,9 @@
-"""Freshness: which frames are too old to be shown. They are decoded all the same, because later ones may need them.
+"""Freshness: which frames are too old to show. They are still decoded, because later frames may need them.
 
 >>> fresh = Freshness(1.0, patient=True)
 >>> [fresh.shows(age_ms, now_s) for age_ms, now_s in ((90, 0.0), (9000, 9.0), (8000, 9.01), (100, 9.1))]
 [True, False, False, True]
->>> [fresh.shows(3000, 10.0 + second) for second in range(3)]  # a path that is always so slow is shown none the less
+>>> [fresh.shows(3000, 10.0 + second) for second in range(3)]  # on a path that is always slow, old frames are shown
 [False, True, True]
 """
 
@@ -21,7 +21,7 @@ MaxAge = float | Literal["live"] | None
 class Freshness:
     """Decides for each frame whether to show it.
 
-    max_age_s: None shows all; patient: show old frames when nothing else comes
+    max_age_s: None shows all frames; patient: show old frames if no others come
     """
 
     def __init__(self, max_age_s: float | None, *, patient: bool = False) -> None:
@@ -70,7 +70,7 @@ class OnlyBehind:
         return True
 
     def over(self) -> None:
-        """A frame came that is not behind: start again."""
+        """A frame with a higher number came: start again."""
         self._since = None
 
 
@@ -92,9 +92,10 @@ class Forward:
         self._behind = OnlyBehind()
 
     def goes_back(self, stream_id: int | None, index: int, stamp_ns: int, now_s: float) -> bool:
-        """Whether a frame must not be shown, because a later one of its stream was, or it is of an earlier run.
+        """Whether not to show a frame, because a later one of its stream was shown, or it is from an earlier run.
 
-        stamp_ns: host time of the frame; now_s: monotonic time. If all frames are refused for long, they are accepted.
+        stamp_ns: host time of the frame; now_s: monotonic time. If it refuses all frames for long, it accepts them
+        again.
         """
         if stream_id == self._stream_id:
             back = index < self._index and not self._behind.lasts(index, now_s)

@@ -34,7 +34,7 @@ from lidarcodec.transport.keys import StreamKeys
 
 TICK_S = 0.2
 LAST_PACKETS_S = 5.0
-"""Time to send the remaining UDP packets when a stream ends: they are those of half a second."""
+"""Time to send the remaining UDP packets when a stream ends: at most the packets of half a second."""
 
 
 def receiver_name() -> str:
@@ -53,10 +53,10 @@ def subscribe(
     loopback_port: int | None = None,
     **options: Any,
 ) -> LiveStream:
-    """A live stream to iterate over; `with subscribe(...) as live: for frame in live: ...`
+    """A live stream to iterate over: `with subscribe(...) as live: for frame in live: ...`
 
     connect, listen, config, mode, loopback_port: as in `Endpoints`; without them nothing leaves the machine
-    options: those of `LiveStream`
+    options: the options of `LiveStream`
     Raises SettingsError for an invalid key or name, TransportError for endpoints that cannot be used.
     """
     endpoints = Endpoints.of(connect, listen, config, mode, loopback_port)
@@ -64,23 +64,24 @@ def subscribe(
 
 
 class LiveStream:
-    """Decoded frames of one stream, through restarts of its publisher and of the network. A context manager.
+    """Decoded frames of one stream. It continues after restarts of the publisher and the network. A context manager.
 
     key:        `lidarcodec/v1/VEHICLE/SENSOR`, or `VEHICLE/SENSOR`
-    endpoints:  where to listen and connect; by default nothing leaves the machine. `transport`: an open one instead
-    receiver:   the name under which arrivals are reported; by default the name in a configuration of `lidarcodec
-                certs`, because it may report only under that name; otherwise a unique name
-    newest:     True: a slow iteration gets the newest frame; replaced frames are counted. False: every frame
-                is waited for, which slows the publisher down
+    endpoints:  where to listen and connect; by default nothing leaves the machine
+    transport:  an open transport to use instead
+    receiver:   the name in arrival reports; by default the name in a configuration of `lidarcodec certs`, because only
+                this name is allowed; otherwise a unique name
+    newest:     True: a slow iteration gets the newest frame; replaced frames are counted. False: it gets every frame,
+                which slows the publisher down
     timeout_s:  iteration ends after this time without a frame; None: never
-    max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
-                two seconds with `newest`, unless nothing newer comes; otherwise all
+    max_age_s:  a frame that is older than this when decoded is counted as stale and skipped; None: none is skipped.
+                `live`: two seconds with `newest`, unless only old frames come; otherwise none is skipped
     until_end:  iteration ends when the publisher stops
-    udp:        `HOST:PORT` that gets the packets as the sensor's own stream (`?position=PORT`: position packets, too,
-                which port 8308 gets beside port 2368, and 7503 beside 7502);  record: folder that gets the messages;
-                clouds: and the points of each frame, for viewers
-    isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
-                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
+    udp:        `HOST:PORT` to which the packets are sent, like the sensor's own stream. `?position=PORT` also sends
+                position packets; by default they go to port 8308 if PORT is 2368, and to 7503 if it is 7502
+    record:     folder for the messages;  clouds: also record the points of each frame, for viewers
+    isolate:    which decoders run in a process of their own: `always`, `never`, or `auto` (those with native code that
+                may crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
     stats:      counts and times of this receiver;  status: the publisher's last status
     """
 
@@ -133,9 +134,9 @@ class LiveStream:
     # --- iteration --------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        """Begin to receive. A router that cannot be reached is tried again meanwhile.
+        """Begin to receive. If the router is unreachable, it tries again in the background.
 
-        Raises TransportError when the endpoints cannot be used, or the stream was open before.
+        Raises TransportError if the endpoints cannot be used, or the stream was open before.
         """
         if self._begun:
             raise TransportError("a live stream can be opened only once: call subscribe() again")
@@ -156,7 +157,7 @@ class LiveStream:
     def next(self, timeout_s: float | None = None) -> Frame | None:
         """The next frame; None after the timeout, the end or an interruption.
 
-        Raises TransportError when the network failed for good or the stream is not open, or the error that ended it.
+        Raises TransportError if the network failed or the stream is not open, otherwise the error that ended it.
         """
         self._check_begun()
         end = None if timeout_s is None else time.monotonic() + timeout_s
@@ -177,7 +178,7 @@ class LiveStream:
             yield frame
 
     async def next_async(self, timeout_s: float | None = None) -> Frame | None:
-        """As `next`, for asyncio; no frame is lost when the wait is cancelled."""
+        """As `next`, for asyncio. Cancelling the wait loses no frame."""
         self._check_begun()
         loop = asyncio.get_running_loop()
         end = None if timeout_s is None else loop.time() + timeout_s
@@ -226,11 +227,11 @@ class LiveStream:
 
     @property
     def replaced(self) -> int:
-        """Frames that a newer one replaced before they were taken."""
+        """Number of frames that a newer one replaced before the iteration took them."""
         return self._frames.replaced
 
     def summary(self) -> dict[str, Any]:
-        """Counts and times as plain values, those of the outputs included."""
+        """Counts and times as plain values, including those of the outputs."""
         return {
             **self.stats.summary(),
             "errors": dict(self._receiver.errors),
@@ -252,7 +253,7 @@ class LiveStream:
         self._receiver.request_key()
 
     def close(self) -> None:
-        """End everything: threads, network, outputs. Harmless when called twice."""
+        """End everything: threads, network, outputs. A second call does nothing."""
         self._frames.close()
         if self._udp is not None:
             self._udp.close()

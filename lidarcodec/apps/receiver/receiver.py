@@ -1,4 +1,4 @@
-"""Receiver: messages of one stream in, decoded frames out, through restarts of either side.
+"""Receiver: messages of one stream in, decoded frames out. It continues after restarts of either side.
 
     receive thread   ring of one -> header -> slot of the decoder -> arrival report
     decode thread    bytes -> message -> frames -> the given handler
@@ -59,16 +59,16 @@ JOIN_S = 10.0
 class Receiver:
     """One receiver of one stream.
 
-    on_frame:   takes every decoded frame, in the decode thread; the next frame waits for it
-    on_message: takes the bytes of every message, in the receive thread; must be quick
+    on_frame:   called with every decoded frame, in the decode thread; the next frame waits for it
+    on_message: called with the bytes of every message, in the receive thread; must be quick
     on_end:     called when no more messages will come
-    until_end:  end when the publisher has gone
-    isolate:    which decoders run in a process of their own, as for `LiveStream`;  clock: tells the time
+    until_end:  end when the publisher has left
+    isolate:    which decoders run in a process of their own, as in `LiveStream`;  clock: the clocks of this machine
     failure:    the error that ended it, or None
-    decoding:   whether messages are decoded; may change at any time. Without it they are only counted, reported as
-                arrived and handed to on_message, and key frames are asked for only by `request_key`
-    decoded:    the message whose frames on_frame is given
-    stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
+    decoding:   whether to decode messages; may change at any time. If not, messages are only counted, reported as
+                arrived and passed to on_message, and only `request_key` asks for key frames
+    decoded:    the message of the frames that on_frame gets
+    stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is online
     """
 
     def __init__(
@@ -122,9 +122,9 @@ class Receiver:
         return self._round_trips.rtt_ms
 
     def start(self) -> None:
-        """Begin to receive. An unreachable router is tried again.
+        """Begin to receive. If the router is unreachable, it tries again.
 
-        Raises TransportError when the endpoints cannot be used.
+        Raises TransportError if the endpoints cannot be used.
         """
         for thread in self._threads:
             thread.start()
@@ -153,7 +153,7 @@ class Receiver:
         self._poke.set()
 
     def close(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._stop.set()
         self._poke.set()
         self._slot.close()
@@ -228,7 +228,7 @@ class Receiver:
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self._want_key()
-            if message.key:  # it fulfils the requests so far; later ones need another
+            if message.key:  # it fulfils all earlier requests; a later request needs a later key frame
                 self._key_asked_for = False
             came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):
@@ -258,7 +258,7 @@ class Receiver:
     def _frames_of(self, message: Message) -> list[Frame]:
         if not self.decoding:
             self._have_key(message, but_decodes=False)
-            if self._joined is not None:  # a message skipped now would be missing as reference
+            if self._joined is not None:  # if this message were skipped, later ones would miss their reference
                 self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
             return []
         start = time.perf_counter()
@@ -287,7 +287,7 @@ class Receiver:
             self._once.add("decode_errors", error)
             self._want_key()
             return []
-        except Exception as error:  # a fault of the decoder: only this message is lost
+        except Exception as error:  # an error in the decoder: only this message is lost
             logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
             self._decoder = StreamDecoder(self._isolation.make_decoder)
@@ -299,9 +299,9 @@ class Receiver:
         return frames
 
     def _have_key(self, message: Message, *, but_decodes: bool) -> None:
-        """Clear the wish for a key frame if this message fulfils it, unless `request_key` was called since.
+        """Cancel the request for a key frame if this message fulfils it, unless `request_key` was called since.
 
-        but_decodes: it is not a key frame, but it could be decoded
+        but_decodes: the message is not a key frame, but it could be decoded
         """
         if (message.key or but_decodes) and not self._key_asked_for:
             self._key_wanted = False

@@ -1,7 +1,7 @@
-"""RoundTrips: measures the round trip to a publisher, and its clock, with small queries beside the stream.
+"""RoundTrips: measures the round trip to a publisher, and its clock, with small queries.
 
-An answer may wait behind a large message of the stream. The answer says whether one was under way; then the
-measurement is poor, and is soon repeated.
+An answer may wait behind a large message of the stream. The answer says whether a message was under way. If so, the
+measurement is poor, and it is soon repeated.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RoundTrips:
 
     @property
     def rtt_ms(self) -> float | None:
-        """Median of the last round trips without a message under way; without any, the shortest of all."""
+        """Median of the last round trips without a message under way. If there is none: the shortest of all."""
         if self._free:
             return round(sorted(self._free)[(len(self._free) - 1) // 2], 3)
         return round(min(self._any), 3) if self._any else None
@@ -64,7 +64,7 @@ class RoundTrips:
 def _read(answer: bytes) -> tuple[bool, int | None]:
     """Whether a message was under way, and the publisher's time in ns.
 
-    An unreadable answer counts for the round trip alone.
+    An unreadable answer is used only for the round trip.
     """
     try:
         values = read_object(answer)

@@ -19,8 +19,8 @@ from lidarcodec.message import Message
 logger = logging.getLogger(__name__)
 
 REMEMBERED = 64
-"""Number of newest messages of a stream that are remembered to detect repeated ones. Messages older than all of them
-are dropped: they may be replayed, and would show the past as the present."""
+"""Number of newest messages of a stream that are remembered, to detect repeated ones. Messages older than all of them
+are dropped: they may be replayed by an attacker, and would show old frames as new."""
 STREAMS = 8
 JUMP = 36_000
 """Frames of an hour at 10 Hz. Beyond a jump this large in frame numbers, missing frames are not counted."""
@@ -36,11 +36,11 @@ def last_packet_ns(frame: Frame) -> int:
 class ReceiverStats:
     """Counts of one receiver. Thread-safe.
 
-    gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
-    jumps: times that frame numbers went so far that the number of missing ones is unknown
-    second_publisher: times that a stream came back after another one: two publishers have the same name
-    duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
-    before_key: messages that came before the first key message of a stream, which is where a decoder can join
+    gaps: number of gaps in frame numbers;  missing: number of missing frames, which were replaced or lost
+    jumps: number of jumps of frame numbers that are too large to count missing frames
+    second_publisher: how often a stream came back after another one: then two publishers have the same name
+    duplicates: messages that came again, or are older than the newest 64; they are not decoded
+    before_key: messages before the first key message of a stream; a decoder can start only at a key message
     clocks: difference between the publisher's clock and ours
     """
 
@@ -79,8 +79,8 @@ class ReceiverStats:
     def arrived(self, message: Message, size: int) -> bool:
         """Count a received message. True: it begins another stream.
 
-        A gap is no reason for a key frame: most are frames that the publisher replaced before it encoded them. A
-        message whose reference was really lost says so when it is decoded.
+        A gap does not need a key frame: usually the publisher replaced the frames before it encoded them. If a
+        reference was really lost, decoding raises an error.
         """
         with self._lock:
             self.counts["messages"] += 1
@@ -114,7 +114,7 @@ class ReceiverStats:
             return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:
-        """Count a decoded frame; returns its latency in ms, from its last packet to `now_ns`, or None if unknown."""
+        """Count a decoded frame. Returns its latency in ms, from its last packet to `now_ns`, or None if unknown."""
         latency = self.clocks.latency_ms(last_packet_ns(frame), now_ns)
         with self._lock:
             self.counts["frames"] += 1
@@ -125,13 +125,13 @@ class ReceiverStats:
         return latency
 
     def count(self, what: str, number: int = 1) -> None:
-        """Count something else."""
+        """Count another kind of event."""
         with self._lock:
             self.counts[what] += number
 
     @property
     def fps(self) -> float | None:
-        """Frames a second over the newest 64."""
+        """Frames a second over the newest 64 frames."""
         with self._lock:
             if len(self._recent) < 2 or time.monotonic() - self._recent[-1] > 5.0:
                 return None
@@ -150,7 +150,7 @@ class ReceiverStats:
         }
 
     def report(self, errors: Counter[str], rtt_ms: float | None) -> Report:
-        """The report that is sent to the publisher once a second; `reports` has the fields."""
+        """The report for the publisher, sent once a second. The module `reports` lists its fields."""
         with self._lock:
             counts = self.counts + errors
         latency, decode, clock = self.latency_ms.summary(), self.decode_ms.summary(), self.clocks.state()

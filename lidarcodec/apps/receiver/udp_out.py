@@ -1,8 +1,8 @@
-"""UdpOut: decoded frames as the sensor's own UDP stream, so that an unchanged driver or viewer works at this end.
+"""UdpOut: sends decoded frames like the sensor's own UDP stream, for unchanged drivers and viewers.
 
-Packets leave with the distances in time at which they were received on the vehicle. A frame comes whole, so its first
-packet leaves `delay_s` after the slowest of the last frames would have been there, and its last one a turn later. When
-the path gets faster again this plays a little faster; a frame that comes when two already wait replaces the older.
+Packets have the same intervals as on the vehicle. A frame arrives as a whole, so its first packet leaves `delay_s`
+after the arrival time of the slowest recent frame, and its last packet a turn later. When the path gets faster again,
+packets are sent a little faster. A frame that arrives while two frames wait replaces the older one.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ WAITING: Final = 2
 """Most frames that wait while one is being sent."""
 DELAY_S: Final = 0.02
 CATCH_UP: Final = 1.25
-"""Speed of sending while frames wait longer than the path now needs."""
+"""Speed of sending while frames wait longer than necessary, relative to the sensor."""
 REMEMBERED: Final = 20
-"""Number of newest frames whose largest delay sets the time of sending: two seconds."""
+"""Number of newest frames, two seconds, whose largest delay determines the time of sending."""
 NAP_S: Final = 0.0005
 """Packets due within this time leave together."""
 LATE_S: Final = 0.5
-"""A frame this much too late or too early is after a clock jump or in a new stream: timing is reset."""
+"""A frame that is this much too late or too early follows a clock jump or begins a new stream: timing is reset."""
 SEND_BUFFER: Final = 1 << 20
 
 
 def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
-    """Family and address of `HOST`, `HOST:PORT` or `[HOST]:PORT`; the port is 2368 when left out.
+    """Family and address of `HOST`, `HOST:PORT` or `[HOST]:PORT`. The default port is 2368.
 
-    Raises SettingsError when it is none of them, TransportError when the host is not known.
+    Raises SettingsError for any other text, TransportError for an unknown host.
     """
     host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
     if not colon:
@@ -60,7 +60,7 @@ def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
 
 
 class Target(NamedTuple):
-    """Where packets go: data packets to an address, position packets to another port of it, None for none."""
+    """The address for data packets, and the port for position packets (None: they are not sent)."""
 
     family: socket.AddressFamily
     data: tuple[str, int]
@@ -68,10 +68,10 @@ class Target(NamedTuple):
 
 
 def target_of(text: str) -> Target:
-    """Where `HOST:PORT`, `HOST:PORT?position=PORT` or `HOST:PORT?position=off` sends; the position port is the usual
-    one beside a usual data port (`POSITION_PORTS`), else none.
+    """The target of `HOST:PORT`, `HOST:PORT?position=PORT` or `HOST:PORT?position=off`. Without `position` a usual data
+    port has its usual position port (`POSITION_PORTS`), and others have none.
 
-    Raises SettingsError when it is none of them, TransportError when the host is not known.
+    Raises SettingsError for any other text, TransportError for an unknown host.
     """
     place, question, options = text.partition("?")
     family, data = address_of(place)
@@ -85,8 +85,8 @@ def target_of(text: str) -> Target:
 
 
 def due_s(side: SideInfo | PacketRest) -> npt.NDArray[np.float64]:
-    """(N,) float64, seconds from a frame's first data packet at which each of its packets leaves, in the order of
-    `packets_of`. A position packet is sent between its neighbours, whatever time it has."""
+    """(N,) float64, send time of each packet in seconds after the frame's first data packet, in the order of
+    `packets_of`. A position packet is sent between its neighbours; its own time does not matter."""
     data = np.clip(np.maximum.accumulate(side.packet_ns), 0, 10**9).tolist()
     due = list(data)
     for one in reversed(side.positions):
@@ -99,19 +99,19 @@ def due_s(side: SideInfo | PacketRest) -> npt.NDArray[np.float64]:
 class UdpOut:
     """Sends the packets of frames to one address, in a thread of its own.
 
-    counts: `frames`, `packets`, `position packets`, `replaced` (frames that came too fast), `late` (timing started
-            afresh), `send errors`, `no packets` (frames that do not hold what packets need), `position packets not
-            sent` (where there is no port for them)
+    counts: `frames`, `packets`, `position packets`, `replaced` (frames that came too fast), `late` (resets of the
+            timing), `send errors`, `no packets` (frames that lack data for packets), `position packets not sent` (there
+            is no port for them)
     """
 
     def __init__(self, address: str, *, delay_s: float = DELAY_S) -> None:
-        """Raises SettingsError or TransportError when the address cannot be used."""
+        """Raises SettingsError or TransportError if the address cannot be used."""
         self._target = target_of(address)
         family = self._target.family
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if family == socket.AF_INET:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # as sensors do out of the box
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # sensors broadcast by default
         self._delay_s = delay_s
         self._queue: deque[tuple[Frame, float | None]] = deque()
         self._needs: deque[float] = deque(maxlen=REMEMBERED)
@@ -147,7 +147,7 @@ class UdpOut:
             return True
 
     def wait_sent(self, timeout_s: float) -> bool:
-        """Wait until everything was sent, at most `timeout_s` or until closed; returns whether it was."""
+        """Wait until everything was sent, at most `timeout_s` or until closed. Returns whether everything was sent."""
 
         def sent() -> bool:
             return not self._queue and self._idle
@@ -157,7 +157,7 @@ class UdpOut:
             return sent()
 
     def close(self) -> None:
-        """End at once, even within a frame; harmless when called twice."""
+        """End at once, even within a frame. A second call does nothing."""
         self._closed.set()
         with self._condition:
             self._condition.notify_all()
@@ -209,8 +209,8 @@ class UdpOut:
             self._offset -= float(gained[-1])
 
     def _begin(self, stamp_s: float, arrival_s: float | None) -> tuple[float, float]:
-        """Monotonic time at which to begin sending a frame with that stamp, and seconds by which the next ones could be
-        sent sooner, which depends on the slowest of the last frames."""
+        """Monotonic time at which to begin sending a frame with this stamp, and the time in seconds that the next
+        frames can catch up. It depends on the slowest recent frame."""
         now = time.monotonic()
         if arrival_s is not None:
             self._needs.append(arrival_s - stamp_s)

@@ -1,16 +1,16 @@
-"""The process in which one codec runs: `python -m lidarcodec.apps.worker SOCKET LIMIT_S`. Started by `process`.
+"""The process of one codec: `python -m lidarcodec.apps.worker SOCKET LIMIT_S`. The module `process` starts it.
 
-It answers what it is asked and ends when the other side is gone. Signals that end a whole group of processes are left
-to the other side, which wants to end its stream first. While it works an alarm of the kernel is set, so that it ends
-even when it hangs in native code and its parent is gone. (The system's own notice of a parent's death
-goes by the thread that started the process, and a stream's threads come and go.)
+It answers requests, and ends when its parent has ended. It ignores signals to the whole process group, because the
+parent ends its stream first. While it works, a kernel timer is set, so that it ends even if it hangs in native code
+and its parent is gone. (PR_SET_PDEATHSIG is no alternative: it depends on the thread that started the process, and a
+stream's threads come and go.)
 """
 
 from __future__ import annotations
 
 import signal
 
-if __name__ == "__main__":  # before anything slow is imported, and never in a process that only imports this
+if __name__ == "__main__":  # before slow imports, and only if this module is the main program
     for _signal in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(_signal, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -35,13 +35,13 @@ from lidarcodec.untrusted.json import read_object
 from lidarcodec.wire import pack, unpack
 
 MEMORY_BYTES: Final = 2 * 2**30
-"""Of address space. A codec takes 125 to 250 MB of it; the limits of a message's header allow less than half a GB."""
+"""Limit of the address space. A codec needs 125 to 250 MB; within the limits of a header it is below half a GB."""
 
 T = TypeVar("T")
 
 
 class Session:
-    """Answers questions, one after the other, with one encoder or decoder."""
+    """Answers requests one after the other, with one encoder or decoder."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -50,9 +50,9 @@ class Session:
         self._decoder: Decoder | None = None
 
     def answer(self, head: Head) -> None:
-        """Read the body of a question, and answer it.
+        """Read the body of a request, and answer it.
 
-        Raises whatever the codec does, and then has not answered; EOFError when the other side is gone.
+        Raises the errors of the codec, without an answer; EOFError if the parent is gone.
         """
         channel = self._channel
         if head.kind == Kind.ENCODE:
@@ -90,14 +90,14 @@ class Session:
         try:
             parts = [part for frame in frames for part in self._writer.parts(frame)]
         except LidarCodecError:
-            self._writer = FrameWriter()  # what it believes it has told was not sent
+            self._writer = FrameWriter()  # the sensor that the old one remembers was not sent
             raise
         self._channel.say(Kind.FRAMES, parts, number=len(frames))
 
 
 def _opened(codec: T | None) -> T:
     if codec is None:
-        raise RuntimeError("asked before a codec was opened")
+        raise RuntimeError("a request came before a codec was opened")
     return codec
 
 
@@ -107,16 +107,16 @@ def _settings(given: dict[str, object]) -> StreamSettings:
 
 
 def _limit_resources() -> None:
-    """A bound on memory, and no core files: a hostile stream must not fill a disk with them."""
+    """Limit memory, and disable core files, so that a hostile stream cannot fill a disk with them."""
     for what, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_CORE, 0)):
         _, hard = resource.getrlimit(what)
         limit = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        with contextlib.suppress(OSError, ValueError):  # a system that has no such limit
+        with contextlib.suppress(OSError, ValueError):  # the system has no such limit
             resource.setrlimit(what, (limit, hard))
 
 
 def main(number: int, limit_s: float) -> None:
-    """Answer until the other side is gone."""
+    """Answer requests until the parent is gone."""
     _limit_resources()
     channel = Channel(socket.socket(fileno=number))
     session = Session(channel)
@@ -131,7 +131,7 @@ def main(number: int, limit_s: float) -> None:
                 raise
             except LidarCodecError as error:
                 channel.say(Kind.FAILED, [error_bytes(error)])
-            except Exception as error:  # a fault: the other side ends this process as soon as it has read why
+            except Exception as error:  # unexpected error: the parent ends this process when it has read the reason
                 channel.say(Kind.FAILED, [error_bytes(error)])
                 channel.drain()
         except (EOFError, GarbledError):
@@ -140,4 +140,4 @@ def main(number: int, limit_s: float) -> None:
 
 if __name__ == "__main__":
     main(int(sys.argv[1]), float(sys.argv[2]))
-    os._exit(0)  # destructors of native libraries could hang or crash, unseen
+    os._exit(0)  # skip destructors of native libraries, which could hang or crash

@@ -1,12 +1,12 @@
-"""Frames between two processes of this machine: a fixed head, then each array as it lies in memory.
+"""Frames between two processes on this machine: a fixed head, then each array in its memory layout.
 
-    head   index, stamp, columns, what follows, packets, layouts, irregular blocks, second returns, bytes of positions
-    sensor only when it is another one than in the frame before: name, convention, range step, origin, calibration
+head   index, stamp, columns, flags, packets, layouts, irregular blocks, second returns, bytes of positions
+sensor only if it differs from the previous frame's: name, convention, range step, origin, calibration
     arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second
            positions, as a POSITION section]
 
-The reader trusts nothing: it checks counts before it allocates memory, and refuses values that no codec may give (an
-azimuth of 36000, a bool that is neither 0 nor 1), because the codec on the other side may be compromised.
+The reader checks everything, because an attacker may control the codec process. It checks counts before it allocates
+memory, and refuses invalid values (an azimuth of 36000, a bool that is neither 0 nor 1).
 """
 
 from __future__ import annotations
@@ -51,31 +51,31 @@ _ORIGINS: Final = get_args(Origin)
 _TABLE: Final = (len(CALIBRATION_FIELDS), LASERS)
 _SIDE: Final = ("packet_ns", "gps_us", "status", "layouts", "layout", "irregular", "second")
 
-Told = tuple[Any, ...]
+SensorIdentity = tuple[Any, ...]
 
 
 def _checked(counts: tuple[int, ...]) -> None:
     for (what, limit), count in zip(_LIMITS.items(), counts, strict=True):
         if count > limit:
-            raise SectionError(f"a frame of {count} {what}: at most {limit}")
+            raise SectionError(f"a frame has {count} {what}: at most {limit} are allowed")
 
 
 def _bytes_of(array: npt.NDArray[Any]) -> Buffer:
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data if array.size else b""
 
 
-def _identity(sensor: SensorModel) -> Told:
+def _identity(sensor: SensorModel) -> SensorIdentity:
     return sensor.hash, sensor.name, sensor.convention, sensor.range_step_m, sensor.origin
 
 
 class FrameWriter:
-    """Frames as buffers, in order; remembers which sensor was told."""
+    """Writes frames as buffers, in order. It remembers the sensor that it wrote last."""
 
     def __init__(self) -> None:
-        self._told: Told | None = None
+        self._last_sensor: SensorIdentity | None = None
 
     def parts(self, frame: Frame) -> list[Buffer]:
-        """Buffers of a frame; none of the images is copied.
+        """Buffers of a frame, without copying its images.
 
         Raises SectionError for a frame that is too large.
         """
@@ -86,26 +86,26 @@ class FrameWriter:
             positions = encode_positions(side.positions, host_step_ns=1) if side.positions else b""
             counts = (side.packets, len(side.layouts), len(side.irregular), len(side.second), len(positions))
         _checked((frame.width, *counts))
-        flags = (_HAS_SENSOR if told != self._told else 0) | (_HAS_SIDE if side is not None else 0)
+        flags = (_HAS_SENSOR if told != self._last_sensor else 0) | (_HAS_SIDE if side is not None else 0)
         flags |= (_HAS_KEEP if frame.keep is not None else 0) | (_HAS_POSE if frame.pose is not None else 0)
         parts: list[Buffer] = [_HEAD.pack(frame.index, frame.stamp_ns, frame.width, flags, *counts)]
-        if told != self._told:
+        if told != self._last_sensor:
             name = sensor.name.encode()
             if len(name) > 0xFF:
-                raise SectionError(f"a sensor name of {len(name)} bytes: at most 255")
+                raise SectionError(f"the sensor's name has {len(name)} bytes: at most 255 are allowed")
             at = _CONVENTIONS.index(sensor.convention), _ORIGINS.index(sensor.origin)
             parts += [_SENSOR.pack(*at, len(name), sensor.range_step_m), name, _bytes_of(sensor.calibration.table)]
         arrays: list[npt.NDArray[Any]] = [frame.range, frame.intensity, frame.azimuth, frame.fired]
         arrays += [array for array in (frame.keep, frame.pose) if array is not None]
         arrays += [] if side is None else [getattr(side, name) for name in _SIDE]
-        self._told = told
+        self._last_sensor = told
         return parts + [_bytes_of(array) for array in arrays] + [positions] * bool(positions)
 
 
 class FrameReader:
-    """Frames out of a channel, in order; remembers the sensor.
+    """Reads frames from a channel, in order. It remembers the sensor.
 
-    Raises GarbledError for what cannot be a frame; EOFError and TimeoutError as the channel does.
+    Raises GarbledError for an invalid frame, and EOFError and TimeoutError of the channel.
     """
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class FrameReader:
         if flags & _HAS_SENSOR:
             self._sensor = self._take_sensor(channel, end)
         if self._sensor is None or index < 0 or flags > 15:
-            raise GarbledError(f"a frame {index} of an unknown sensor")
+            raise GarbledError(f"frame {index} has no sensor")
 
         def array(dtype: npt.DTypeLike, *shape: int) -> npt.NDArray[Any]:
             whole = np.empty(shape, dtype)
@@ -139,7 +139,7 @@ class FrameReader:
             "fired": _truths(array(np.bool_, 2, width)),
         }
         if images["azimuth"].max(initial=0) >= AZIMUTH_TURN:
-            raise GarbledError("a frame with an azimuth beyond a turn")
+            raise GarbledError("a frame has an azimuth beyond a turn")
         keep = _truths(array(np.bool_, LASERS, width)) if flags & _HAS_KEEP else None
         pose = array(np.float64, 4, 4) if flags & _HAS_POSE else None
         side = None
@@ -156,7 +156,7 @@ class FrameReader:
                 decode_positions(channel.take(position_bytes, end), packets) if position_bytes else (),
             )
             if side.layouts.max(initial=0) > max(Role):
-                raise GarbledError("side information with a role that is none")
+                raise GarbledError("side information has an unknown role")
         return Frame(
             index,
             stamp_ns,
@@ -174,7 +174,7 @@ class FrameReader:
     def _take_sensor(channel: Channel, end: float | None) -> SensorModel:
         convention, origin, name_bytes, step_m = _SENSOR.unpack(channel.take(_SENSOR.size, end))
         if convention >= len(_CONVENTIONS) or origin >= len(_ORIGINS) or not (math.isfinite(step_m) and step_m > 0):
-            raise GarbledError("a sensor that is none")
+            raise GarbledError("a sensor is invalid")
         name = channel.take(name_bytes, end).decode()
         table = np.frombuffer(channel.take(_TABLE[0] * _TABLE[1] * 4, end), np.int32).reshape(_TABLE).copy()
         return SensorModel(name, Calibration(table), _ORIGINS[origin], _CONVENTIONS[convention], step_m)
@@ -182,5 +182,5 @@ class FrameReader:
 
 def _truths(array: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     if array.view(np.uint8).max(initial=0) > 1:
-        raise GarbledError("a truth that is neither 0 nor 1")
+        raise GarbledError("a truth value is neither 0 nor 1")
     return array

@@ -1,6 +1,6 @@
-"""Codecs in a process of their own: encoder and decoder, and which codecs get one.
+"""Encoders and decoders in a process of their own, and which codecs get one.
 
-Native code of others can crash on bad input. In a process of its own such a crash costs one frame; the next process
+Third-party native code can crash on bad input. In a separate process such a crash costs one frame, and the next process
 begins with a key frame.
 """
 
@@ -20,14 +20,14 @@ from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings
 
 Isolate = Literal["auto", "always", "never"]
-"""Which codecs run in a process of their own: those that say so, all, none."""
+"""Which codecs run in a process of their own: codecs that request it (auto), all, or none."""
 VARIABLE: Final = "LIDARCODEC_ISOLATE"
 UNUSED_S: Final = 30.0
-"""A process that no codec needs any more is ended after so long."""
+"""A process without requests is ended after so many seconds."""
 
 
 def isolate_of(given: str | None) -> Isolate:
-    """What was given, else LIDARCODEC_ISOLATE, else `auto`.
+    """The given choice, otherwise LIDARCODEC_ISOLATE, otherwise `auto`.
 
     Raises SettingsError.
     """
@@ -38,21 +38,21 @@ def isolate_of(given: str | None) -> Isolate:
 
 
 class IsolatedEncoder:
-    """An encoder in the keeper's process. Its settings outlive the process."""
+    """An encoder in the keeper's process. If the process ends, the settings are kept here."""
 
     def __init__(self, keeper: WorkerKeeper, settings: StreamSettings, stream_id: int) -> None:
         self._keeper, self._settings, self._stream_id = keeper, settings, stream_id
 
     def open(self, process: WorkerProcess) -> None:
-        """Begin afresh in this process."""
+        """Start again in this process."""
         process.open_encoder(self._settings, self._stream_id)
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
-        """As `Encoder.encode`; raises WorkerError when the process fails, and the frame is lost."""
+        """As `Encoder.encode`. Raises WorkerError if the process fails; then the frame is lost."""
         return self._keeper.run(self, lambda process: process.encode(frame, key=key))
 
     def apply(self, settings: StreamSettings) -> bool:
-        """As `Encoder.apply`; should the process fail, the next one begins with these settings."""
+        """As `Encoder.apply`. If the process fails, the next process begins with these settings."""
         before, self._settings = self._settings, settings
         if not self._keeper.holds(self):
             return True
@@ -67,7 +67,7 @@ class IsolatedEncoder:
             raise
 
     def flush(self) -> list[Message]:
-        """As `Encoder.flush`; nothing when the process is gone, and what it held with it."""
+        """As `Encoder.flush`. If the process has ended, its frames are lost and the result is empty."""
         if not self._keeper.holds(self):
             return []
         try:
@@ -83,15 +83,15 @@ class IsolatedDecoder:
         self._keeper, self._codec = keeper, codec
 
     def open(self, process: WorkerProcess) -> None:
-        """Begin afresh in this process."""
+        """Start again in this process."""
         process.open_decoder(self._codec)
 
     def decode(self, message: Message) -> list[Frame]:
-        """As `Decoder.decode`; raises WorkerError when the process fails, and the message is lost."""
+        """As `Decoder.decode`. Raises WorkerError if the process fails; then the message is lost."""
         return self._keeper.run(self, lambda process: process.decode(message))
 
     def flush(self) -> list[Frame]:
-        """As `Decoder.flush`; nothing when the process is gone, and what it held with it."""
+        """As `Decoder.flush`. If the process has ended, its frames are lost and the result is empty."""
         if not self._keeper.holds(self):
             return []
         try:
@@ -101,8 +101,8 @@ class IsolatedDecoder:
 
 
 class Isolation:
-    """Makes the codecs of one stream, in this process or in one of their own; that one is shared by those that follow
-    each other."""
+    """Makes the codecs of one stream, in this process or in one process of their own. Successive codecs share that
+    process."""
 
     def __init__(
         self, isolate: str | None, on_failure: Callable[[WorkerError], object], limit_s: float = LIMIT_S
@@ -114,17 +114,17 @@ class Isolation:
 
     @property
     def restarts(self) -> int:
-        """Processes that were started because another one had failed."""
+        """Number of processes that were started after a failure."""
         return self._keeper.restarts
 
     @property
     def rests(self) -> bool:
-        """Whether there is no process, and none will be started for a while, after failures."""
+        """Whether there is no process and, because of failures, none will be started for a while."""
         return self._keeper.rests
 
     @property
     def last_failure(self) -> str | None:
-        """What was wrong with the last process that failed."""
+        """Reason of the last failure."""
         return self._keeper.last_failure
 
     def isolated(self, codec: str) -> bool:
@@ -149,21 +149,21 @@ class Isolation:
         return IsolatedDecoder(self._keeper, number)
 
     def start(self, codec: str) -> None:
-        """Have a process ready for a codec that needs one. Does not wait."""
+        """Start a process for a codec that needs one. Does not wait."""
         if self.isolated(codec):
             self._keeper.start(codec)
 
     def ready(self, codec: str, timeout_s: float = TICK_S) -> bool:
-        """Whether a frame of this codec can be coded at once; waits so long for its process."""
+        """Whether this codec can code a frame now. Waits for its process for at most `timeout_s`."""
         return not self.isolated(codec) or self._keeper.ready(timeout_s)
 
     def changed(self, codec: str) -> None:
-        """The stream is coded by this codec now: a process that it does not need is ended."""
+        """The stream uses this codec now: if it needs no process, end the process."""
         if not self.isolated(codec):
             self._keeper.end_if_unused()
 
     def tidy(self) -> None:
-        """End a process that no decoder needs any more."""
+        """End the process if no decoder needs it any more."""
         if not self._wanted:
             self._keeper.end_if_unused(UNUSED_S)
 
@@ -172,5 +172,5 @@ class Isolation:
         return self._keeper.state()
 
     def close(self) -> None:
-        """End everything; harmless when called twice."""
+        """End everything. A second call does nothing."""
         self._keeper.close()

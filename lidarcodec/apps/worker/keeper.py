@@ -1,7 +1,8 @@
-"""WorkerKeeper: keeps the process of one stream's codec going. Starts it when it is needed, and again when it failed.
+"""WorkerKeeper: manages the process of one stream's codec. It starts the process when needed, and after a failure.
 
-The first failure costs nothing but the frame; each further one within a minute doubles the time to the next start, up
-to ten seconds. So a stream whose every frame crashes the codec lives on, says so, and takes little of the machine.
+After the first failure it starts a new process at once. Each further failure within a minute doubles the pause before
+the next start, up to ten seconds. So even if every frame crashes the codec, the stream continues, reports the failures,
+and uses little of the machine.
 """
 
 from __future__ import annotations
@@ -20,28 +21,28 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 LIMIT_S: Final = 5.0
-"""A codec takes 5 to 25 ms for a frame. One that has not answered after so long hangs."""
+"""A codec that has not answered for so long hangs. Usually it needs 5 to 25 ms for a frame."""
 WINDOW_S: Final = 60.0
 FIRST_REST_S: Final = 0.25
 LONGEST_REST_S: Final = 10.0
 STORM: Final = 5
-"""So many failures within WINDOW_S are told as a storm."""
+"""After so many failures within WINDOW_S a warning is logged."""
 TICK_S: Final = 0.2
 
 
 class Session(Protocol):
-    """An encoder or decoder that runs in the process, one at a time."""
+    """An encoder or decoder in the process; only one at a time."""
 
     def open(self, process: WorkerProcess) -> None:
-        """Begin afresh in this process."""
+        """Start again in this process."""
 
 
 class WorkerKeeper:
     """The process of one stream's codec, or none. Thread-safe.
 
-    on_failure: takes each failure, in the thread that saw it
-    codec: what a process loads at its start; None: nothing
-    restarts: processes that were started because another one had failed;  last_failure: what was wrong with that one
+    on_failure: called with each failure, in the thread that detected it
+    codec: the codec that a process loads at its start; None: none
+    restarts: number of processes started after a failure;  last_failure: reason of the last failure
     """
 
     def __init__(self, on_failure: Callable[[WorkerError], object], limit_s: float = LIMIT_S) -> None:
@@ -61,13 +62,13 @@ class WorkerKeeper:
     # --- for sessions -----------------------------------------------------------------------------------------------
 
     def holds(self, session: Session) -> bool:
-        """Whether this session, with all its state, is the one in the process."""
+        """Whether the process has this session with all its state."""
         return self._session is session
 
     def run(self, session: Session, do: Callable[[WorkerProcess], T]) -> T:
-        """What `do` makes of the process, in which the session was opened.
+        """Open the session in the process if needed, and call `do` with the process. Returns the result of `do`.
 
-        Raises WorkerError when it fails, or rests after failures; waits for a process that is starting.
+        Waits for a process that is starting. Raises WorkerError if it fails, or none may be started after failures.
         """
         end = time.monotonic() + START_S
         while not self.ready(TICK_S):
@@ -92,18 +93,18 @@ class WorkerKeeper:
 
     @property
     def rests(self) -> bool:
-        """Whether there is none, and none will be started for a while, after failures."""
+        """Whether there is no process and, because of failures, none will be started for a while."""
         with self._lock:
             return self._process is None and time.monotonic() < self._not_before
 
     def start(self, codec: str) -> None:
-        """Have a process, soon, that has loaded this codec. Does not wait."""
+        """Start a process that loads this codec. Does not wait."""
         with self._lock:
             self.codec = codec
         self.ready(0.0)
 
     def ready(self, timeout_s: float) -> bool:
-        """Whether the process can be asked at once; waits so long for it, and starts one when there is none."""
+        """Whether the process can take a request now. Starts one if needed, and waits for at most `timeout_s`."""
         try:
             process = self._begun()
         except WorkerError as error:
@@ -119,7 +120,7 @@ class WorkerKeeper:
             return False
 
     def end_if_unused(self, for_s: float = 0.0) -> None:
-        """Ends the process if it had no request for so long."""
+        """End the process if it had no request for `for_s`."""
         with self._lock:
             if self._process is None or time.monotonic() - self._used_s < for_s:
                 return
@@ -127,7 +128,7 @@ class WorkerKeeper:
         process.end()
 
     def close(self) -> None:
-        """End the process for good. Calls that wait for it raise WorkerError. Harmless when called twice."""
+        """End the process permanently. Calls that wait for it raise WorkerError. A second call does nothing."""
         self._closed.set()
         with self._lock:
             process, self._process, self._session = self._process, None, None
@@ -135,7 +136,9 @@ class WorkerKeeper:
             process.end()
 
     def state(self) -> dict[str, Any] | None:
-        """For the status: number and state of the process, restarts, the last failure; None if there never was one."""
+        """For the status: id and state of the process, restarts, the last failure; None if there never was a
+        process.
+        """
         with self._lock:
             if self._process is None and not self.restarts and self.last_failure is None:
                 return None
@@ -150,7 +153,7 @@ class WorkerKeeper:
     # --- inside -----------------------------------------------------------------------------------------------------
 
     def _begun(self) -> WorkerProcess | None:
-        """The process, started if there is none and one may be. One that has died meanwhile is replaced."""
+        """The process. It is started if there is none and a start is allowed. A process that has ended is replaced."""
         with self._lock:
             process = self._process
         if process is not None and process.ended:
@@ -166,7 +169,7 @@ class WorkerKeeper:
             return self._process
 
     def _lost(self, process: WorkerProcess | None, error: WorkerError) -> None:
-        """Note a failure, and when the next process may be started."""
+        """Record a failure, and the earliest time of the next start."""
         with self._lock:
             if self._process is not process or self._closed.is_set():
                 return

@@ -1,8 +1,9 @@
-"""WorkerProcess: one child that runs a codec, from its start to its end, and why it ended.
+"""WorkerProcess: one child process that runs a codec, from its start to its end, and the reason of its end.
 
-The child is a Python of its own (no fork of a process with threads), in a process group of its own (a terminal's Ctrl-C
-is not for it), with few of our environment's variables (keys and passwords are not for a codec that was taken over) and
-one socket. Whatever goes wrong with it, it is killed, collected, and named in one line.
+The child is a new Python process, because a process with threads must not fork. It has its own process group, so that
+Ctrl-C in a terminal does not reach it. It gets one socket and only a few environment variables, because an attacker who
+controls the codec must not see keys and passwords. After any failure the child is killed and reaped, and the reason is
+one line.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from lidarcodec.wire.header import MAX_FRAMES
 T = TypeVar("T")
 
 START_S: Final = 20.0
-"""A child takes 0.4 s to be ready; on a machine that is busy, or has just started, much longer."""
+"""Longest wait for a child to become ready. Usually it takes 0.4 s, but much longer on a busy or just booted
+machine."""
 END_S: Final = 5.0
 _PASSED_ON: Final = (
     "LIDARCODEC_WEIGHTS_DIR",
@@ -51,7 +53,7 @@ _PASSED_ON: Final = (
     "CONDA_",
 )
 _ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
-"""Threads that no codec needs would each reserve memory."""
+"""No codec needs these threads, and each of them would reserve memory."""
 
 
 def _environment() -> dict[str, str]:
@@ -62,12 +64,14 @@ def _environment() -> dict[str, str]:
 
 
 class WorkerProcess:
-    """A child, started at once and ready a little later. One thread asks; any may end it."""
+    """A child process. It is started at once and ready a little later. One thread sends requests; any thread may end
+    it.
+    """
 
     def __init__(self, limit_s: float) -> None:
-        """limit_s: how long an answer may take.
+        """limit_s: longest wait for an answer
 
-        Raises WorkerError when the system starts no process.
+        Raises WorkerError if the system cannot start a process.
         """
         self._limit_s = limit_s
         self._asking = threading.Lock()
@@ -99,16 +103,16 @@ class WorkerProcess:
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended by itself."""
+        """Whether the child has ended by itself."""
         return self._process.poll() is not None
 
     def failure(self) -> WorkerError:
-        """Why it has ended by itself."""
+        """The reason why the child has ended by itself."""
         with self._asking:
             return self._failed("it ended", "ended")
 
     def load(self, codec: str | None) -> None:
-        """Have it import what a codec needs, if one is named. Does not wait: the answer is what `ready` waits for.
+        """Make the child import the modules of a codec, if one is given. Does not wait; `ready` waits for the answer.
 
         Raises WorkerError.
         """
@@ -117,9 +121,9 @@ class WorkerProcess:
             self._guarded(lambda end: self._channel.say(Kind.LOAD, [body], end=end))
 
     def ready(self, timeout_s: float) -> bool:
-        """Whether it has imported everything; waits so long for it.
+        """Whether the child has imported everything. Waits for at most `timeout_s`.
 
-        Raises WorkerError when it ended instead, cannot, or takes longer than START_S.
+        Raises WorkerError if it ended, failed, or took longer than START_S.
         """
         if self._ready:
             return True
@@ -138,12 +142,12 @@ class WorkerProcess:
             return True
 
     def open_encoder(self, settings: StreamSettings, stream_id: int) -> None:
-        """Begin with a fresh encoder, in place of what was open."""
+        """Make a new encoder, which replaces an open codec."""
         given = {"settings": settings.model_dump(), "stream_id": str(stream_id)}
         self._ask(Kind.OPEN_ENCODER, [json.dumps(given).encode()], _done)
 
     def open_decoder(self, codec: int) -> None:
-        """Begin with a fresh decoder, in place of what was open."""
+        """Make a new decoder, which replaces an open codec."""
         self._ask(Kind.OPEN_DECODER, [json.dumps({"codec": codec}).encode()], _done)
 
     def encode(self, frame: Frame, *, key: bool) -> list[Message]:
@@ -167,11 +171,11 @@ class WorkerProcess:
         return self._ask(Kind.FLUSH, [], self._frames)
 
     def kill(self) -> None:
-        """End it now, from any thread. Calls that wait for its answer raise WorkerError."""
+        """Kill the child, from any thread. Calls that wait for its answer raise WorkerError."""
         self._process.kill()
 
     def end(self) -> None:
-        """End it and collect what is left. Harmless when called twice."""
+        """Kill and reap the child. A second call does nothing."""
         self.kill()
         with self._asking:
             self._collect()
@@ -179,9 +183,9 @@ class WorkerProcess:
     def _ask(
         self, kind: Kind, parts: Sequence[Buffer], take: Callable[[Channel, Head, float], T], *, flag: bool = False
     ) -> T:
-        """One question and its answer, read by `take`.
+        """Send a request and read its answer with `take`.
 
-        Raises WorkerError when there was none; else what the codec raised, if it is of our tree.
+        Raises WorkerError if there was no answer; otherwise the LidarCodecError that the codec raised, if it did.
         """
         with self._asking:
 
@@ -193,7 +197,7 @@ class WorkerProcess:
 
     def _frames(self, channel: Channel, head: Head, end: float) -> list[Frame]:
         if head.kind != Kind.FRAMES or head.number > MAX_FRAMES:
-            raise GarbledError(f"an answer of kind {head.kind} with {head.number} frames")
+            raise GarbledError(f"an answer has the wrong kind {head.kind}, or too many frames ({head.number})")
         return [self._reader.take(channel, end) for _ in range(head.number)]
 
     def _waiting_answer(self, timeout_s: float) -> bool:
@@ -213,11 +217,12 @@ class WorkerProcess:
             raise self._failed(f"it gave an invalid answer: {error}", "garbled") from None
         except _CodecFaultError as error:
             raise self._failed(f"the codec raised {error}", "raised") from None
-        except (EOFError, OSError, ValueError):  # ValueError: a socket that we closed
+        except (EOFError, OSError, ValueError):  # ValueError: we have closed the socket
             raise self._failed("it closed its socket", "closed its socket", wait_s=END_S / 5) from None
 
     def _failed(self, why: str, cause: str, wait_s: float = 0.0) -> WorkerError:
-        """End it. What was wrong: its signal or exit code if it ended by itself, which it may do within `wait_s`."""
+        """End the child, and return the error. If it ends by itself within `wait_s`, the error has its signal or exit
+        code."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(wait_s)
         code = self._process.returncode
@@ -229,12 +234,12 @@ class WorkerProcess:
 
     def _collect(self) -> None:
         self._channel.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):  # it waits for a device: the system collects it later
+        with contextlib.suppress(subprocess.TimeoutExpired):  # it waits for a device: the system reaps it later
             self._process.wait(END_S)
 
 
 class _CodecFaultError(Exception):
-    """The codec raised what none may."""
+    """The codec raised an error that is not a LidarCodecError."""
 
 
 def _answer(channel: Channel, take: Callable[[Channel, Head, float], T], end: float) -> T:
@@ -249,13 +254,13 @@ def _answer(channel: Channel, take: Callable[[Channel, Head, float], T], end: fl
 
 def _done(channel: Channel, head: Head, end: float) -> bool:
     if head.kind != Kind.DONE or head.size:
-        raise GarbledError(f"an answer of kind {head.kind}")
+        raise GarbledError(f"an answer has the wrong kind {head.kind}")
     return head.flag
 
 
 def _messages(channel: Channel, head: Head, end: float) -> list[Message]:
     if head.kind != Kind.MESSAGES:
-        raise GarbledError(f"an answer of kind {head.kind}")
+        raise GarbledError(f"an answer has the wrong kind {head.kind}")
     try:
         return [unpack(packed) for packed in take_messages(channel, head, end)]
     except DecodeError as error:

@@ -1,8 +1,8 @@
 """The protocol between a stream's process and its codec's process, over a socket pair: a head, then a body.
 
-A head is 16 bytes: kind, flag, 2 spare, number of parts, bytes of the body. Kinds below DONE are requests, the others
-are answers; each request has one answer. Nothing is pickled: settings and errors are JSON, messages are those of the
-wire, frames are arrays (`frames`), and every size is checked before memory is taken.
+A head is 16 bytes: kind, flag, 2 spare bytes, number of parts, bytes of the body. Kinds below DONE are requests, the
+others are answers; each request has one answer. Nothing is pickled: settings and errors are JSON, messages have the
+wire format, and frames are arrays (see `frames`). Every size is checked before memory is allocated.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from lidarcodec.wire import MAX_MESSAGE
 
 HEAD: Final = struct.Struct("<BB2xIQ")
 MAX_TEXT: Final = 1 << 18
-"""Bytes of settings, or of an error."""
+"""Most bytes of settings or of an error."""
 MAX_BODY: Final = 512 * 2**20
-"""Bytes of the frames, or messages, that one question brings."""
+"""Most bytes of the frames or messages in one answer."""
 MESSAGE_SIZE: Final = struct.Struct("<I")
 MAX_MESSAGES: Final = 1024
 _PARTS: Final = 64
-"""Buffers given to the system in one call."""
+"""Most buffers in one call of the system."""
 
 
 class Kind(IntEnum):
-    """What a head announces."""
+    """Kinds of requests and answers."""
 
     LOAD = 1
     OPEN_ENCODER = 2
@@ -49,7 +49,7 @@ class Kind(IntEnum):
 
 
 class Head(NamedTuple):
-    """flag: a truth; number: of messages or frames that follow; size: bytes that follow."""
+    """flag: a truth value; number: messages or frames in the body; size: bytes of the body"""
 
     kind: int
     flag: bool
@@ -58,7 +58,7 @@ class Head(NamedTuple):
 
 
 class GarbledError(Exception):
-    """The other side says what cannot be: it is not to be listened to any more."""
+    """The other side sent invalid data: nothing more is read from it."""
 
 
 Buffer = bytes | bytearray | memoryview
@@ -67,7 +67,7 @@ Buffer = bytes | bytearray | memoryview
 class Channel:
     """One end of the socket pair. Every wait ends at a deadline (monotonic; None only in the child).
 
-    Raises TimeoutError at the deadline, EOFError when the other side is gone, GarbledError for what cannot be.
+    Raises TimeoutError at the deadline, EOFError if the other side is gone, GarbledError for invalid data.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -76,7 +76,7 @@ class Channel:
     def say(
         self, kind: Kind, parts: Sequence[Buffer] = (), *, flag: bool = False, number: int = 0, end: float | None = None
     ) -> None:
-        """Send a head and its body; `parts` are C-contiguous bytes."""
+        """Send a head and its body. parts: C-contiguous buffers"""
         waiting = [memoryview(part).cast("B") for part in parts if len(part)]
         size = sum(len(part) for part in waiting)
         waiting.insert(0, memoryview(HEAD.pack(kind, flag, number, size)))
@@ -92,21 +92,21 @@ class Channel:
             raise EOFError from error
 
     def head(self, end: float | None = None) -> Head:
-        """The next head."""
+        """Read the next head."""
         kind, flag, number, size = HEAD.unpack(self.take(HEAD.size, end))
         limit = {Kind.MESSAGES: MAX_BODY, Kind.FRAMES: MAX_BODY, Kind.ENCODE: MAX_BODY, Kind.DECODE: MAX_MESSAGE}
         if size > limit.get(kind, MAX_TEXT) or flag > 1:
-            raise GarbledError(f"a head of kind {kind} that announces {size} bytes")
+            raise GarbledError(f"a head of kind {kind} has a body of {size} bytes: too large")
         return Head(kind, bool(flag), number, size)
 
     def take(self, size: int, end: float | None = None) -> bytes:
-        """Exactly so many bytes."""
+        """Read exactly `size` bytes."""
         data = bytearray(size)
         self.fill(memoryview(data), end)
         return bytes(data)
 
     def fill(self, view: memoryview, end: float | None = None) -> None:
-        """Fills the caller's bytes."""
+        """Read bytes until the view is full."""
         at = 0
         while at < len(view):
             self._set_limit(end)
@@ -119,14 +119,14 @@ class Channel:
             at += got
 
     def drain(self) -> None:
-        """Reads and drops what the other side still sends, until it is gone."""
+        """Read and discard all further data, until the other side is gone."""
         waste = memoryview(bytearray(1 << 16))
         with contextlib.suppress(EOFError):
             while True:
                 self.fill(waste)
 
     def close(self) -> None:
-        """Close this end: the other one sees it."""
+        """Close this end; the other side notices it."""
         self._socket.close()
 
     def _set_limit(self, end: float | None) -> None:
@@ -140,23 +140,23 @@ class Channel:
 
 
 def message_parts(packed: Sequence[bytes]) -> list[Buffer]:
-    """The body of an answer of messages."""
+    """The body of an answer with messages."""
     return [part for one in packed for part in (MESSAGE_SIZE.pack(len(one)), one)]
 
 
 def take_messages(channel: Channel, head: Head, end: float | None) -> list[bytes]:
-    """The bytes of each message of an answer."""
+    """The bytes of each message in an answer."""
     if head.number > MAX_MESSAGES:
-        raise GarbledError(f"{head.number} messages in one answer")
+        raise GarbledError(f"an answer has {head.number} messages: too many")
     packed, left = [], head.size
     for _ in range(head.number):
         (size,) = MESSAGE_SIZE.unpack(channel.take(MESSAGE_SIZE.size, end))
         left -= MESSAGE_SIZE.size + size
         if left < 0 or size > MAX_MESSAGE:
-            raise GarbledError(f"a message of {size} bytes in an answer of {head.size}")
+            raise GarbledError(f"a message has {size} bytes, but its answer has {head.size}")
         packed.append(channel.take(size, end))
     if left:
-        raise GarbledError(f"an answer with {left} bytes behind its messages")
+        raise GarbledError(f"an answer has {left} bytes after its messages")
     return packed
 
 
@@ -169,7 +169,7 @@ _TREE: Final = {
 
 
 def error_bytes(error: BaseException) -> bytes:
-    """An error as JSON: name of its type, text, and the attributes of our tree."""
+    """An error as JSON: name of its type, text, and the attributes of LidarCodecErrors."""
     said: dict[str, Any] = {"type": type(error).__name__, "text": str(error)[:4096]}
     said |= {name: getattr(error, name) for name in _ATTRIBUTES if isinstance(error, LidarCodecError) and
              isinstance(getattr(error, name, None), _ATTRIBUTES[name])}  # fmt: skip
@@ -180,7 +180,7 @@ def error_bytes(error: BaseException) -> bytes:
 
 
 def read_error(data: bytes) -> LidarCodecError | str:
-    """The error, of its own type and with its attributes; as text when it is none of our tree.
+    """The error with its type and attributes, if it is a LidarCodecError; otherwise its text.
 
     Raises GarbledError.
     """
@@ -188,7 +188,7 @@ def read_error(data: bytes) -> LidarCodecError | str:
         said = read_object(data, MAX_TEXT)
         kind, text = str(said["type"]), str(said["text"])
     except (JsonRefusedError, KeyError):
-        raise GarbledError("an error that is none") from None
+        raise GarbledError("an error cannot be read") from None
     cls = _TREE.get(kind)
     if cls is None:
         return f"{kind}: {text}" if text else kind
@@ -202,5 +202,5 @@ def read_error(data: bytes) -> LidarCodecError | str:
     if isinstance(said.get("known"), list):
         error.__dict__["known"] = tuple(map(str, said["known"]))
     if issubclass(cls, errors.MissingReferenceError) and not hasattr(error, "needs"):
-        raise GarbledError("a missing reference without its frame")
+        raise GarbledError("a MissingReferenceError has no frame")
     return error
