@@ -1,4 +1,4 @@
-"""One codec with one setting over one source: every message is packed, unpacked, decoded and compared.
+"""Measures one codec with one setting on one source: packs, unpacks, decodes and compares every message.
 
 >>> from lidarcodec.settings import StreamSettings
 >>> result = bench("sim:city?frames=2", StreamSettings(codec="zstd"))
@@ -56,10 +56,10 @@ def bench(
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for one setting.
 
-    frames: how many, None for all; skip: frames left out before them; metrics: `all` adds error quantiles by range and
-    the distances of the clouds (0.4 s a frame); learn: steps of training after each frame, of codecs that learn; what
-    that took and brought is `learned`, and not in the times; tick: called after each frame.
-    Raises SettingsError, UnknownNameError, SourceError, and DecodeError when the codec fails on what it wrote itself.
+    frames: number of frames, None for all; skip: number of frames to skip first; metrics: `all` adds error quantiles by
+    range and the distances of the clouds (0.4 s a frame); learn: training steps after each frame, for codecs that can
+    learn. Their time and gain are in `learned`, not in the other times; tick: called after each frame
+    Raises SettingsError, UnknownNameError, SourceError, and DecodeError if the codec cannot decode its own messages.
     """
     encoder = StreamEncoder(settings)
     if learn:
@@ -81,7 +81,7 @@ def bench(
 
 
 def effective(settings: StreamSettings) -> dict[str, Any]:
-    """All settings as plain values, the codec's own with their defaults filled in."""
+    """All settings as plain values, including the codec's settings and their defaults."""
     own = own_settings(table.codec(settings.codec).settings, settings)
     return settings.model_dump(mode="json") | {"codec_settings": own.model_dump(mode="json")}
 
@@ -89,7 +89,7 @@ def effective(settings: StreamSettings) -> dict[str, Any]:
 def frames_and_payloads(
     packets: Iterable[Packet], sensor: SensorModel, framing: str
 ) -> Iterator[tuple[Frame, list[bytes]]]:
-    """Frames, each with the payloads that the source gave for it."""
+    """Frames, each with its packets' payloads from the source."""
     waiting: deque[bytes] = deque()
 
     def remembered() -> Iterator[Packet]:
@@ -103,13 +103,13 @@ def frames_and_payloads(
 
 
 def kbps_at_10hz(size: int, packets: int) -> float:
-    """Mean bits of 348 packets, ten times a second. size: bytes of the messages of so many packets."""
+    """Mean bitrate for 348 packets ten times a second. size: bytes of the messages of `packets` packets"""
     return round(size * 8 / packets * FRAME_PACKETS * FRAMES_AT_10HZ / 1000, 3)
 
 
 @dataclass
 class MoreErrors:
-    """What `metrics="all"` adds to a result."""
+    """The additional errors of `metrics="all"`."""
 
     bands: RangeBands = field(default_factory=RangeBands)
     clouds: CloudErrors = field(default_factory=CloudErrors)
@@ -117,7 +117,7 @@ class MoreErrors:
     intensity: IntensityErrors = field(default_factory=IntensityErrors)
 
     def add(self, original: Frame, decoded: Frame) -> None:
-        """Compare a frame, all of its returns, with what came back."""
+        """Compare all returns of a frame with its decoded frame."""
         if original.sensor.is_hdl64e:
             self.bands.add(original.range, decoded.range)
         self.intensity.add(original.intensity, decoded.intensity, (original.range > 0) & (decoded.range > 0))
@@ -129,21 +129,21 @@ class MoreErrors:
             self.filled.add(whole, xyz_of(filled(decoded).cloud()))
 
     def result(self) -> dict[str, Any]:
-        """`range_errors`, the fields of `IntensityErrors` and `CloudErrors`, and in `filled` the latter with what a
-        receiver fills in."""
+        """`range_errors`, the fields of `IntensityErrors` and `CloudErrors`, and in `filled` the fields of
+        `CloudErrors` with the returns that a receiver interpolates."""
         clouds = {**self.clouds.result(), "filled": self.filled.result()}
         return {"range_errors": self.bands.result(), **self.intensity.result(), **clouds}
 
 
 @dataclass
 class _PerFrame:
-    """Times of frames: what a group took is shared out to its frames when they come out."""
+    """Times of frames. The time of a group is divided among its frames."""
 
     seconds: list[float] = field(default_factory=list)
     pending_s: float = 0.0
 
     def add(self, seconds: float, frames: int) -> None:
-        """Count a call that took so long, and after which so many frames were done."""
+        """Count a call of `seconds`, after which `frames` frames were complete."""
         self.pending_s += seconds
         if frames:
             self.seconds += [self.pending_s / frames] * frames
@@ -152,7 +152,7 @@ class _PerFrame:
 
 @dataclass
 class _Run:
-    """Adds up what encoder and decoder do with frames."""
+    """Runs encoder and decoder, and adds up their results."""
 
     encoder: StreamEncoder
     decoder: StreamDecoder
@@ -182,9 +182,9 @@ class _Run:
         self._encode(partial(self._reduced_and_encoded, frame, payloads))
 
     def flush(self) -> None:
-        """Take what encoder and decoder held back.
+        """Take the frames that encoder and decoder still hold.
 
-        Raises DecodeError if a frame never came out.
+        Raises DecodeError if a frame was not returned.
         """
         self._encode(self.encoder.flush)
         self._compare(self.decoder.flush())
@@ -226,20 +226,21 @@ class _Run:
                 self.identical = b"".join(p.payload for p in data_packets(packets_of(frame))) == b"".join(payloads)
 
     def _kbps(self) -> float:
-        """kbit/s at ten turns a second: of 348 packets each with an HDL-64E, of one frame each with other sensors."""
+        """kbit/s at ten turns a second. A turn is 348 packets of an HDL-64E, or one frame of another sensor."""
         if self.hdl64e:
             return kbps_at_10hz(self.sizes.total, self.packets)
         return round(self.sizes.total * 8 / self.frames * FRAMES_AT_10HZ / 1000, 3)
 
     def _warm_up(self, frame: Frame) -> None:
-        """Code one frame with a session of its own: libraries load on first use, and that is not a codec's time."""
+        """Code one frame with a separate session. Libraries load at their first use, and this must not count as the
+        codec's time."""
         decoder = StreamDecoder()
         session = StreamEncoder(self.encoder.settings)
         for message in session.encode(frame) + session.flush():
             decoder.decode(unpack(pack(message)))
 
     def result(self) -> dict[str, Any]:
-        """Fields of the contract that do not need the source."""
+        """Fields of the result that do not depend on the source."""
         errors, kept = self.errors, self.errors.points
         return {
             "codec": self.encoder.settings.codec,

@@ -1,4 +1,4 @@
-"""How far apart two clouds are, as the papers on point clouds measure it: Chamfer, point-to-plane, D1 and D2.
+"""Distances of two clouds, as in papers on point clouds: Chamfer, point-to-plane, D1 and D2.
 
 With P the original cloud, Q the decoded one, and q(p) the point of Q that is nearest to p:
 
@@ -6,15 +6,16 @@ With P the original cloud, Q the decoded one, and q(p) the point of Q that is ne
     point-to-plane  10 log10(3 r^2 / max(M(P, Q), M(Q, P))),  r = 59.70 m,
                     M(P, Q) = mean over p of ((p - q(p)) . n(p))^2,  M(Q, P) = mean over q of ((q - p(q)) . n(p(q)))^2
     D1              10 log10(3 r^2 / max(E(P, Q), E(Q, P))),  r = 30 m,  E(P, Q) = mean over p of |p - q(p)|^2
-    D2              as D1, with errors along the normal of the point that was found, as MPEG's pc_error takes them
+    D2              as D1, with errors along the normal of the nearest point, as in MPEG's pc_error
 
-Chamfer and point-to-plane are those of OctSqueeze and MuSCLE, which RIDDLE reports with the same peak; the factor of 3
-comes with pc_error's PSNR of geometry. 30 m is what MPEG's test conditions set for LiDAR (30,000 on a grid of 1 mm).
+Chamfer and point-to-plane are defined as in OctSqueeze and MuSCLE; RIDDLE reports them with the same peak. The factor 3
+comes from pc_error's PSNR of geometry. MPEG's test conditions set 30 m for LiDAR (30,000 on a grid of 1 mm).
 
-n is the normal of the original cloud: the direction in which the 12 nearest points (the point itself included) spread
-least, turned towards the sensor. For D2 a decoded point takes the mean of the normals of the original points that it
-is nearest to, or else that of its own nearest; two differences from pc_error remain: of several points at one and the
-same distance one is taken, not their mean, and points that coincide are not merged first.
+n is the normal of the original cloud: the direction in which the 12 nearest points (including the point itself) spread
+least, turned towards the sensor. D2 needs the normal of a decoded point q: it is the mean normal of the original points
+whose nearest decoded point is q. Without such points it is the normal of the original point nearest to q. There are two
+differences from pc_error: of several points at the same distance we use one, not their mean, and we do not merge points
+at the same place.
 
 >>> errors = CloudErrors()
 >>> grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0), [5.0]), axis=-1).reshape(-1, 3)
@@ -57,19 +58,19 @@ class Cloud:
         self._tree = small_gicp.KdTree(self._cloud)
 
     def nearest(self, points: Floats) -> Indices:
-        """(M,) the place of the nearest of our points to each of `points`, (M, 3)."""
+        """(M,) indices: for each of `points` (M, 3), the nearest point of this cloud."""
         found, _ = self._tree.batch_knn_search(np.ascontiguousarray(points, np.float64), 1)
         places: Indices = found[:, 0].astype(np.intp)
         return places
 
     def neighbours(self, points: Floats, count: int) -> Indices:
-        """(M, count) the places of the nearest of our points to each of `points`, the nearest first."""
+        """(M, count) indices: for each of `points`, the nearest points of this cloud, nearest first."""
         found, _ = self._tree.batch_knn_search(np.ascontiguousarray(points, np.float64), count)
         places: Indices = found.astype(np.intp)
         return places
 
     def normals(self) -> Floats:
-        """(N, 3) unit vectors towards the origin, where the sensor is; zeros where there are fewer than 5 points."""
+        """(N, 3) unit vectors towards the sensor at the origin; zeros if the cloud has fewer than 5 points."""
         import small_gicp
 
         small_gicp.estimate_normals(self._cloud, self._tree, NEIGHBOURS)
@@ -80,10 +81,10 @@ class Cloud:
 
 
 def carried_normals(normals: Floats, there: Indices, back: Indices) -> Floats:
-    """(M, 3) the normals of decoded points: means over the original points that have them as their nearest.
+    """(M, 3) the normals of decoded points: means over the original points with this nearest decoded point.
 
-    normals: (N, 3) of the original points; there: (N,) the nearest decoded point of each; back: (M,) the nearest
-    original point of each decoded one, whose normal is used if it is the nearest of no decoded point.
+    normals: (N, 3) normals of the original points; there: (N,) the nearest decoded point of each original point;
+    back: (M,) the nearest original point of each decoded point; its normal is used if the mean has no points
     """
     counts = np.bincount(there, minlength=len(back))
     sums = np.stack([np.bincount(there, weights=normals[:, axis], minlength=len(back)) for axis in range(3)], axis=1)
@@ -92,7 +93,7 @@ def carried_normals(normals: Floats, there: Indices, back: Indices) -> Floats:
 
 
 def psnr_db(mse: float, peak_m: float) -> float | None:
-    """PSNR of geometry, 10 log10(3 peak^2 / mse); None when there is no error (it would be infinite)."""
+    """PSNR of geometry, 10 log10(3 peak^2 / mse); None if there is no error (it would be infinite)."""
     return round(10 * math.log10(3 * peak_m**2 / mse), 4) if mse > 0 else None
 
 
@@ -107,7 +108,7 @@ def _dots(a: Floats, b: Floats) -> Floats:
 
 @dataclass
 class CloudErrors:
-    """Adds up frames: the Chamfer distance is their mean, a PSNR that of their mean squared errors."""
+    """Errors over frames. The Chamfer distance is a mean over frames; a PSNR uses the mean of the squared errors."""
 
     chamfer_m: list[float] = field(default_factory=list)
     plane: list[float] = field(default_factory=list)
@@ -133,7 +134,7 @@ class CloudErrors:
         self.d2.append(max(_mean_square(_dots(off_there, of_decoded[there])), plane_back))
 
     def take(self, other: CloudErrors) -> None:
-        """Count the last frame of another one here, too."""
+        """Also count the last frame of `other` here."""
         for name in ("chamfer_m", "d1", "plane", "d2"):
             getattr(self, name).extend(getattr(other, name)[-1:])
         self.one_is_empty |= other.one_is_empty
@@ -141,7 +142,7 @@ class CloudErrors:
     def result(self) -> dict[str, Any]:
         """`chamfer_m`, `point_to_plane_psnr_db`, `d1_psnr_db`, `d2_psnr_db`.
 
-        All None when nothing could be compared, or when a cloud of some frame was empty and the other was not.
+        All are None if nothing could be compared, or if in a frame only one of the two clouds was empty.
         """
         if not self.d1 or self.one_is_empty:
             return dict.fromkeys(FIELDS)

@@ -1,8 +1,8 @@
 """Sizes and errors of coded frames, added up frame by frame. Definitions: docs/evaluation.md.
 
-All bits of a message count: what is in no section of a plane (header, section heads, checksum, calibration, motion,
-weights, pose) is `header`. A point is a return of the original frame. Errors are along the ray, over returns that are
-valid in both frames.
+All bits of a message count. `header` is everything outside the sections of planes: header, section heads, checksum,
+calibration, motion, weights, pose. A point is a return of the original frame. Errors are along the ray, over returns
+that are valid in both frames.
 
 >>> import numpy as np
 >>> errors = RangeErrors()
@@ -24,7 +24,7 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.units import RANGE_STEP_M
 
 PEAK_M = 130.0
-"""The peak of PSNR: the reach of the sensor's 16-bit ranges, as in Tu 2016."""
+"""The peak of PSNR: the largest range of the sensor, as in Tu 2016."""
 
 PEAK_INTENSITY = 255
 
@@ -45,10 +45,10 @@ PLANE_OF_SECTION: dict[int, str] = {
 
 @dataclass
 class RangeErrors:
-    """Errors of decoded ranges: sums, so that frames of any number and width add up.
+    """Errors of decoded ranges, as sums over frames of any number and width.
 
-    points: returns compared with; lost: returns that came back as none; invented: the reverse; range_step_m: of the
-    sensor
+    points: returns of the original; lost: returns that are missing after decoding; invented: returns that only the
+    decoded frame has; range_step_m: range step of the sensor
     """
 
     points: int = 0
@@ -72,7 +72,7 @@ class RangeErrors:
         self.squared_steps += int(np.dot(difference, difference))
 
     def merge(self, other: RangeErrors) -> None:
-        """Count what another one has counted."""
+        """Add the counts of `other`."""
         self.points += other.points
         self.lost += other.lost
         self.invented += other.invented
@@ -82,24 +82,26 @@ class RangeErrors:
 
     @property
     def max_error_m(self) -> float | None:
-        """Largest error; None when nothing could be compared."""
+        """Largest error; None if nothing could be compared."""
         return round(self.max_steps * self.range_step_m, 6) if self.compared else None
 
     @property
     def rmse_m(self) -> float | None:
-        """Root of the mean squared error; None when nothing could be compared."""
+        """Root of the mean squared error; None if nothing could be compared."""
         return math.sqrt(self.squared_steps / self.compared) * self.range_step_m if self.compared else None
 
     @property
     def psnr_db(self) -> float | None:
-        """PSNR over a peak of 130 m; None when there is no error (it would be infinite)."""
+        """PSNR over a peak of 130 m; None if there is no error (it would be infinite)."""
         rmse_m = self.rmse_m
         return 20 * math.log10(PEAK_M / rmse_m) if rmse_m else None
 
 
 @dataclass
 class IntensityErrors:
-    """Errors of decoded intensities, over returns that are valid in both frames; what is not sent comes back as 0."""
+    """Errors of decoded intensities, over returns that are valid in both frames. Intensities that are not sent are
+    0.
+    """
 
     compared: int = 0
     squared: int = 0
@@ -111,7 +113,7 @@ class IntensityErrors:
         self.squared += int(np.dot(difference, difference))
 
     def result(self) -> dict[str, float | None]:
-        """`intensity_rmse` of 255, None when nothing could be compared; `intensity_psnr_db`, None without an error."""
+        """`intensity_rmse` (of 255), None if nothing could be compared; `intensity_psnr_db`, None without errors."""
         if not self.compared:
             return {"intensity_rmse": None, "intensity_psnr_db": None}
         rmse = math.sqrt(self.squared / self.compared)
@@ -121,7 +123,7 @@ class IntensityErrors:
 
 @dataclass
 class Sizes:
-    """Bytes of messages, split by plane."""
+    """Bytes of messages, by plane."""
 
     total: int = 0
     planes: Counter[str] = field(default_factory=Counter)
@@ -135,9 +137,9 @@ class Sizes:
                 self.planes[plane] += len(section.data)
 
     def bits_per(self, points: int) -> dict[str, float | None]:
-        """Bits of each part over a number of points; None for all of them when there is no point.
+        """Bits of each part for each of `points` points; all None if there are no points.
 
-        `planes`: all images together, of sensors whose images are coded together.
+        `planes`: all images together, for sensors whose images are coded together
         """
         planes = self.planes
         geometry = planes["range"] + planes["mask"] + planes["keep"]
@@ -157,7 +159,7 @@ class Sizes:
 
 
 def times_ms(seconds: list[float]) -> dict[str, float | None]:
-    """Mean, median and 99th percentile of times, in milliseconds; None for all of them when there is none."""
+    """Mean, median and 99th percentile of times, in milliseconds; all None if there are no times."""
     if not seconds:
         return {"mean": None, "p50": None, "p99": None}
     ms = np.array(seconds) * 1e3

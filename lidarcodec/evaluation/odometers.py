@@ -1,6 +1,6 @@
-"""Two ways to chain scans: kiss-icp, and where it is not installed, scan to map by small_gicp. One object a drive.
+"""Two odometry methods: kiss-icp, and scan to map by small_gicp. One object for each drive.
 
-Both take the points of a scan, deskewed, and a guess at the pose, and give the pose.
+Both take the deskewed points of a scan and a guess of its pose, and return its pose.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lidarcodec.errors import MissingExtraError
 Matrix = npt.NDArray[np.float64]
 
 KISS_VOXEL_M: Final = 0.6
-"""kiss-icp's own default, a hundredth of the range, is a metre: 0.5-0.9 m slip less on a main road."""
+"""Voxel size. kiss-icp's default is a hundredth of the range, so 1 m; smaller voxels drift less on a main road."""
 FARTHEST_M: Final = 100.0
 _GICP_CELL_M, _GICP_VOXEL_M = 0.4, 0.8
 _LEAST_POINTS: Final = 50
@@ -25,11 +25,11 @@ class Odometer(Protocol):
     """Poses of scans in their order."""
 
     def next(self, points: Matrix, guess: Matrix) -> Matrix:
-        """(4, 4) the pose from which the points (N, 3) were seen, in the world of the first scan; guess: about that."""
+        """(4, 4) the sensor's pose for the points (N, 3), in the world of the first scan. guess: approximate pose"""
 
 
 class KissOdometer:
-    """kiss-icp 1.x in one thread. Raises MissingExtraError where it is not installed."""
+    """kiss-icp 1.x in one thread. Raises MissingExtraError if it is not installed."""
 
     def __init__(self) -> None:
         try:
@@ -43,7 +43,7 @@ class KissOdometer:
         self._chain: Any = KissICP(config)
 
     def next(self, points: Matrix, guess: Matrix) -> Matrix:
-        """The guess, if the scan has too few points to say anything."""
+        """The pose; the guess if the scan has too few points."""
         if len(points) < _LEAST_POINTS:
             return guess
         self._chain.last_delta = np.linalg.inv(self._chain.last_pose) @ guess
@@ -53,7 +53,7 @@ class KissOdometer:
 
 
 class GicpOdometer:
-    """Each scan against the Gaussian voxels of those before (VGICP of small_gicp), in one thread."""
+    """Registers each scan in Gaussian voxels of the earlier scans (VGICP of small_gicp), in one thread."""
 
     def __init__(self) -> None:
         import small_gicp
@@ -62,7 +62,7 @@ class GicpOdometer:
         self._map.set_lru(horizon=100, clear_cycle=10)
 
     def next(self, points: Matrix, guess: Matrix) -> Matrix:
-        """The guess, if the scan has too few points to say anything."""
+        """The pose; the guess if the scan has too few points."""
         import small_gicp
 
         if len(points) < _LEAST_POINTS:

@@ -1,4 +1,4 @@
-"""Operating curves as pictures: what a target bitrate gives, measure by measure."""
+"""Plots of operating curves: each measure against the bitrate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HZ: Final = 10
 
 
 class Measure(NamedTuple):
-    """title;  of: a result's value, None where there is none;  logarithmic: the scale"""
+    """title;  of: gives a result's value, None if it has none;  logarithmic: whether the scale is logarithmic"""
 
     title: str
     of: Callable[[Result], float | None]
@@ -40,20 +40,24 @@ def _millimetres(value: float | None) -> float | None:
 
 
 MEASURES: Final = (
-    Measure("Chamfer distance, mm, gaps filled in", lambda r: _millimetres(_filled(r, "chamfer_m")), logarithmic=True),
-    Measure("D2, dB, gaps filled in", lambda r: _filled(r, "d2_psnr_db")),
+    Measure(
+        "Chamfer distance, mm, interpolated",
+        lambda r: _millimetres(_filled(r, "chamfer_m")),
+        logarithmic=True,
+    ),
+    Measure("D2, dB, interpolated", lambda r: _filled(r, "d2_psnr_db")),
     Measure("PSNR of intensity, dB", lambda r: r.get("intensity_psnr_db")),
-    Measure("share of the returns that is sent", lambda r: r.get("kept_fraction")),
+    Measure("share of the returns that are sent", lambda r: r.get("kept_fraction")),
     Measure("frames a second", _fps),
-    Measure("localisation: off from near, mm", _localisation, logarithmic=True),
+    Measure("localisation error from near starts, mm", _localisation, logarithmic=True),
 )
 
 
 def plot_operating(results: Sequence[Result], path: Path) -> None:
-    """Draw each measure against the bitrate that was sent, a line for each codec.
+    """Draw each measure against the sent bitrate, a line for each codec.
 
-    Chamfer distance and D2 are those with what a receiver fills in; a measure without a value is left out.
-    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    Chamfer distance and D2 include interpolated returns. A measure without values is omitted.
+    Raises MissingExtraError without matplotlib, OSError if the file cannot be written.
     """
     figure = blank_figure(13, 7.6)
     for axes, measure in zip(figure.subplots(2, 3).flat, MEASURES, strict=True):
@@ -63,7 +67,7 @@ def plot_operating(results: Sequence[Result], path: Path) -> None:
             if points:
                 axes.plot(*zip(*points, strict=True), f"{MARKS[number % len(MARKS)]}-", label=name, markersize=4)
         axes.set_title(measure.title, fontsize=10)
-        axes.set_xlabel("kbit/s at 10 Hz, everything counted")
+        axes.set_xlabel("kbit/s at 10 Hz, all data included")
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
         if not axes.lines:
             axes.text(0.5, 0.5, "not measured", ha="center", va="center", transform=axes.transAxes)

@@ -1,4 +1,4 @@
-"""Results of `bench` as pictures: what the bits are spent on, and error against bitrate."""
+"""Plots of `bench` results: bits by plane, and error against bitrate."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ PLANES = {
     "side": "#64748b",
     "header": "#cbd5e1",
 }
-"""Parts of a message in the order in which they are stacked, and their colours."""
+"""Parts of a message in stacking order, and their colours."""
 UNSPLIT = "#9ca3af"
-"""Colour of what a peer gives in one piece."""
+"""Colour of a peer's total, which has no parts."""
 MARKS = "osD^vP*X<>ph"
 
 
 def check_plot() -> None:
-    """Raise MissingExtraError if nothing can be drawn here; looked at before hours are spent on measuring."""
+    """Raise MissingExtraError if plots cannot be drawn. Call it before long measurements."""
     if find_spec("matplotlib") is None:
         raise MissingExtraError("--plot", "plot")
 
 
 def blank_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches, that needs no window.
+    """An empty figure, size in inches, that needs no window.
 
     Raises MissingExtraError without matplotlib.
     """
@@ -53,7 +53,7 @@ def _title(results: Sequence[Result]) -> str:
 
 
 def plain_ticks(*scales: Axis) -> None:
-    """Number logarithmic scales 1, 2, 5, 10, ... and nothing between."""
+    """Label logarithmic scales only at 1, 2, 5, 10, ..."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for scale in scales:
@@ -63,9 +63,9 @@ def plain_ticks(*scales: Axis) -> None:
 
 
 def plot_bits(results: Sequence[Result], path: Path) -> None:
-    """Draw bits per point by plane, and geometry against error, into a file of any type that matplotlib writes.
+    """Draw bits per point by plane, and bits of geometry against error, into a file of any type of matplotlib.
 
-    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    Raises MissingExtraError without matplotlib, OSError if the file cannot be written.
     """
     figure = blank_figure(12, 1.8 + 0.5 * len(results))
     names = [label(result) for result in results]
@@ -80,8 +80,8 @@ def plot_bits(results: Sequence[Result], path: Path) -> None:
     if any(unsplit):
         bars.barh(names, unsplit, color=UNSPLIT, label="not split")
     bars.invert_yaxis()
-    bars.set_xlabel("bits per point, everything counted")
-    bars.legend(ncols=3, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # "best" may take seconds
+    bars.set_xlabel("bits per point, all data included")
+    bars.legend(ncols=3, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # "best" can take seconds
     for name, result, part in zip(names, results, bits, strict=True):
         if part["geometry"] is not None:
             curve.plot((result["rmse_m"] or 0.0) * 1e3, part["geometry"], "o", label=name)
@@ -96,9 +96,9 @@ def plot_bits(results: Sequence[Result], path: Path) -> None:
 def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = None, dpi: int = 110) -> None:
     """Draw RMSE and PSNR against kbit/s, with bits per point as a second scale, a line for each codec.
 
-    All bits count. Results without an error are not on a scale of errors, and are drawn at its lower end.
+    All bits count. A logarithmic scale has no zero, so results without an error are drawn at its lower end.
 
-    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    Raises MissingExtraError without matplotlib, OSError if the file cannot be written.
     """
     figure = blank_figure(11, 4.6)
     rmse, psnr = figure.subplots(1, 2)
@@ -108,7 +108,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         of_it = sorted((r for r in results if r["codec"] == name), key=lambda r: r["kbps_at_10hz"])
         style = f"{MARKS[number % len(MARKS)]}{':' if ':' in name else '-'}"
         points = [(r["kbps_at_10hz"], 1e3 * r["rmse_m"] or floor_mm) for r in of_it if r["rmse_m"] is not None]
-        if points:  # a source without a return has none
+        if points:  # a source without returns has no points
             rmse.plot(*zip(*points, strict=True), style, label=name, markersize=4, linewidth=1.2)
         heights = [(r["kbps_at_10hz"], r["psnr_db"]) for r in of_it if r["psnr_db"] is not None]
         if heights:
@@ -120,7 +120,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
     kbps_per_bit = max(results[0]["kbps_at_10hz"] / (results[0]["bits_per_point"]["total"] or 1.0), 1e-9)
     for axes in (rmse, psnr):
         axes.set_xscale("log")
-        axes.set_xlabel("kbit/s at 10 Hz, everything counted")
+        axes.set_xlabel("kbit/s at 10 Hz, all data included")
         above = axes.secondary_xaxis("top", functions=(lambda x: x / kbps_per_bit, lambda x: x * kbps_per_bit))
         above.set_xlabel("bits per point")
         plain_ticks(axes.xaxis, above.xaxis)

@@ -1,4 +1,4 @@
-"""Quantiles of the error along the ray, for returns near and far: a mean hides what a codec does to either.
+"""Quantiles of the error along the ray, by range: a mean over all ranges hides large errors of near or far returns.
 
 >>> bands = RangeBands()
 >>> bands.add(np.array([[1000, 1000, 1000, 30_000]], np.uint16), np.array([[1000, 1001, 1005, 30_010]], np.uint16))
@@ -16,15 +16,15 @@ import numpy.typing as npt
 from lidarcodec.units import RANGE_STEP_M
 
 EDGES_M: Final = (0.0, 10.0, 20.0, 40.0, 80.0, 131.07)
-"""Where the bands begin and end; 131.07 m is the last range that 16 bits can hold."""
+"""Limits of the bands; 131.07 m is the largest range in 16 bits."""
 QUANTILES: Final = {"p50_m": 0.5, "p90_m": 0.9, "p99_m": 0.99}
 _BANDS: Final = len(EDGES_M) - 1
 _VALUES: Final = 1 << 16
 
 
 class RangeBands:
-    """Counts of every error, in range steps, in each band of the original range: exact quantiles of any number of
-    frames in 2.6 MB."""
+    """Histograms of the error in range steps, for each band of the original range. They give exact quantiles over any
+    number of frames, and take 2.6 MB."""
 
     def __init__(self) -> None:
         self._counts: npt.NDArray[np.int64] = np.zeros((_BANDS, _VALUES), np.int64)
@@ -44,7 +44,7 @@ class RangeBands:
     def result(self) -> list[dict[str, Any]]:
         """A mapping for each band: `from_m`, `to_m`, `returns`, and the quantiles and the largest error in metres.
 
-        A quantile is the smallest error that so large a share of the returns does not exceed; None without a return.
+        A quantile is the smallest error that at least this share of the returns does not exceed; None without returns.
         """
         return [self._of(number) for number in range(_BANDS)]
 

@@ -1,4 +1,4 @@
-"""Results of `bench` as a table to read."""
+"""Results of `bench` as a text table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def number(value: float | None, digits: int) -> str:
 
 
 def label(result: Result) -> str:
-    """The codec and what was set apart from the defaults, for one line of a table; all that was set of a peer."""
+    """The codec and its settings that are not defaults, for one line of a table; for a peer all its settings."""
     if is_peer(result["codec"]):
         return " ".join([result["codec"], *(f"{k}={v}" for k, v in result["settings"].items() if k != "holds")])
     defaults = effective(StreamSettings(codec=result["codec"]))
@@ -31,7 +31,7 @@ def label(result: Result) -> str:
 
 
 def packets_word(identical: bool | None) -> str:
-    """Whether packets came back: a dash where there are none to come."""
+    """Text for whether packets are identical; a dash if the result has no packets."""
     return "-" if identical is None else "identical" if identical else "differ"
 
 
@@ -76,7 +76,7 @@ COLUMNS: dict[str, Callable[[Result], str]] = {
 
 
 def text_table(results: Sequence[Result]) -> str:
-    """A line for each result, bits per point split by plane, and what was measured above it."""
+    """A line for each result with bits per point by plane, below a heading that names the source."""
     first = results[0]
     calibration = first["calibration"]
     head = (
@@ -90,7 +90,7 @@ def text_table(results: Sequence[Result]) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, the first row its head: the first column to the left, the others to the right."""
+    """Lines of a table. The first row is the head. The first column is left-aligned, the others are right-aligned."""
     columns = []
     for at, cells in enumerate(zip(*rows, strict=True)):
         width = max(map(len, cells))

@@ -1,4 +1,4 @@
-"""Rigid transforms, many at once: inverses, rotation vectors, moved points.
+"""Rigid transforms as arrays: inverses, rotation vectors, transformed points.
 
 >>> turn = exp_so3(np.array([0.0, 0.0, np.pi / 2]))
 >>> log_so3(turn[None])[0].round(6).tolist()
@@ -14,8 +14,8 @@ Matrix = npt.NDArray[np.float64]
 
 
 def moved(transform: Matrix, points: Matrix) -> Matrix:
-    """(N, 3) points (N, 3) moved by a (4, 4) transform."""
-    # not by @: a product this thin is spread over threads that wait for each other longer than it takes
+    """(N, 3) points transformed by a (4, 4) transform."""
+    # not with @: for such a small product BLAS threads wait for each other longer than they compute
     there: Matrix = np.einsum("ij,kj->ik", points, transform[:3, :3])
     there += transform[:3, 3]
     return there
@@ -32,7 +32,7 @@ def invert(transforms: Matrix) -> Matrix:
 
 
 def exp_so3(vector: Matrix) -> Matrix:
-    """(3, 3) rotation about a vector (3,) by its length in radians."""
+    """(3, 3) rotation about the vector (3,), by its length in radians."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     spin = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -45,7 +45,7 @@ def exp_so3(vector: Matrix) -> Matrix:
 
 
 def log_so3(rotations: Matrix) -> Matrix:
-    """(F, 3) rotation vectors of (F, 3, 3), for angles up to half a turn less a hair."""
+    """(F, 3) rotation vectors of (F, 3, 3), for angles slightly less than half a turn."""
     axis = np.stack([rotations[:, 2, 1] - rotations[:, 1, 2], rotations[:, 0, 2] - rotations[:, 2, 0],
                      rotations[:, 1, 0] - rotations[:, 0, 1]], axis=1) / 2  # fmt: skip
     sine = np.linalg.norm(axis, axis=1)

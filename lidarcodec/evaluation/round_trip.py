@@ -1,7 +1,7 @@
-"""RoundTrip: decodes messages as they are made, and compares what comes out with the frames that went in.
+"""RoundTrip: decodes new messages at once, and compares the result with the original frames.
 
-An encoder that loses something says nothing of it: only its messages tell. So what is to be kept is decoded again
-before anybody relies on it.
+A faulty encoder does not report lost data; only decoding its messages shows it. So recorded messages are decoded again
+before they are relied on.
 
 >>> from lidarcodec import StreamSettings
 >>> RoundTrip(StreamSettings(codec="zstd")).compared
@@ -30,15 +30,15 @@ from lidarcodec.side import SideInfo
 from lidarcodec.wire import unpack
 
 CLOCK_NS = 500
-"""Host times of packets are kept to half a microsecond."""
+"""Host times of packets are coded with an error of at most half a microsecond."""
 
 
 class RoundTrip:
-    """Decodes one stream again, from a message on that needs no other.
+    """Decodes one stream again. The first message must not refer to another one.
 
-    settings: what the stream promises from now on; may be changed between two frames
-    joining: the first message may hold frames that went in before: they are passed over
-    compared: frames that were compared
+    settings: settings of the stream from now on; may change between two frames
+    joining: the first message may have frames that were encoded earlier; they are skipped
+    compared: number of compared frames
     """
 
     def __init__(self, settings: StreamSettings, *, joining: bool = False) -> None:
@@ -50,17 +50,17 @@ class RoundTrip:
 
     @property
     def waiting(self) -> int:
-        """Frames that went in and have not come out yet."""
+        """Number of frames that were encoded but not decoded yet."""
         return len(self._sent)
 
     def sent(self, frame: Frame) -> None:
-        """A frame that is encoded, as its codec gets it: with `keep` set where it was reduced."""
+        """Add a frame that is encoded. `keep` must be set if it was reduced."""
         self._sent.append((frame, self.settings))
 
     def message(self, data: bytes) -> list[Frame]:
-        """The frames that a message decodes to, compared with what was sent.
+        """Decode a message and compare its frames with the originals. Returns the decoded frames.
 
-        Raises RoundTripError if it does not decode, or to something else than its settings promise.
+        Raises RoundTripError if it cannot be decoded, or a frame differs more than the settings allow.
         """
         try:
             message = unpack(data)
@@ -75,7 +75,7 @@ class RoundTrip:
         return frames
 
     def end(self) -> list[Frame]:
-        """The frames that the decoder held back. Raises RoundTripError too if any frame did not come out."""
+        """The frames that the decoder still holds. Also raises RoundTripError if a frame is missing."""
         frames = self._decoder.flush()
         for frame in frames:
             self._compare(frame, None)
@@ -109,7 +109,7 @@ def _fault(what: str) -> RoundTripError:
 
 
 def told_of(message: Message) -> Quality | AttributeQuality:
-    """What a message tells of its intensities: all, none, or few values; of these not how many."""
+    """The quality of intensities according to a message: all, none, or few values (their number is unknown)."""
     if message.planes:
         return told_of_planes(message)
     coded = next((section.data for section in message.sections if section.type == SectionType.INTENSITY), None)
@@ -126,10 +126,10 @@ def difference(
     step: int | None,
     told: Quality | AttributeQuality | None = None,
 ) -> str | None:
-    """What of a decoded frame is not as settings promise, in words; None: all is.
+    """A text about a difference that the settings do not allow; None if there is none.
 
-    step: quantiser width that its message tells, None where it tells none;  told: by the message of its
-    intensities, None: as in settings
+    step: quantiser step in the message, None if it has none;  told: quality of intensities according to the message,
+    None: as in the settings
     """
     if came.range.shape != sent.range.shape:
         return f"{came.width} columns instead of {sent.width}"
@@ -181,31 +181,30 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
 def _allowed(sent: Frame, settings: StreamSettings, step: int | None) -> int:
     """Largest error of a range, in range steps."""
     allowed = (step or 1) // 2
-    if settings.target_kbps is None:  # nothing else may turn the bound
+    if settings.target_kbps is None:  # only a target bitrate may change the bound
         allowed = min(allowed, step_of(settings.max_error_m or 0.0, sent.sensor.range_step_m) // 2)
     return allowed
 
 
 def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: bool) -> str | None:
-    """exact: whether the encoder chose with this very quality."""
+    """exact: whether the encoder used exactly this quality"""
     if not quality.levels:
-        return "intensities, although they are off" if came.intensity.any() else None
+        return "intensities, although they are switched off" if came.intensity.any() else None
     if quality.lossless:
         kept = sent.intensity if sent.keep is None else np.where(sent.valid, sent.intensity, np.uint8(0))
         return None if np.array_equal(came.intensity, kept) else "different intensities"
     if exact:
-        return (
-            None if np.array_equal(came.intensity, reduced(sent, quality)) else "different intensities than were chosen"
-        )
+        same = np.array_equal(came.intensity, reduced(sent, quality))
+        return None if same else "other intensities than the encoder chose"
     given, off = (plane[sent.valid].astype(np.float64) for plane in (sent.intensity, came.intensity))
     off -= given
-    if off.size and np.square(off).mean() > given.var() + 0.25:  # of one value, the mean as an integer
+    if off.size and np.square(off).mean() > given.var() + 0.25:  # with one value: the mean as an integer
         return "larger intensity errors than any choice of values allows"
     return None
 
 
 def _same_side(came: SideInfo | PacketRest | None, sent: SideInfo | PacketRest | None) -> bool:
-    """Whether packets have the same bytes, and host times as near as they are kept."""
+    """Whether packets have the same bytes, and host times within their coding error."""
     if isinstance(came, PacketRest) and isinstance(sent, PacketRest):
         return _same_rest(came, sent)
     if not isinstance(came, SideInfo) or not isinstance(sent, SideInfo):

@@ -1,13 +1,12 @@
-"""Where the sensor was in each frame, to a centimetre: registered, because GPS and inertia are not that good.
+"""Sensor poses to a centimetre, by registration of scans, because GPS and inertial sensors are not precise enough.
 
-KITTI's positions slide sideways by 0.13-0.16 m in a second, so scans have to be registered where centimetres count.
-`odometry` chains them (scan to map by small_gicp, or kiss-icp); `refine` aligns every scan with
-one map of all, which takes out what the chain had gathered. Both deskew: a return is moved to where the sensor saw it
-from at the scan's stamp, by the time at which its own column fired and the sensor's speed. No direction of rotation is
-assumed, and none can be taken the wrong way round.
+KITTI's positions drift sideways by 0.13-0.16 m in a second, so precise poses need registered scans. `odometry` chains
+scans (scan to map by small_gicp, or kiss-icp). `refine` aligns every scan with one map of all scans, which removes the
+accumulated drift. Both deskew: each return is transformed to the sensor's pose at the scan's stamp, from the firing
+time of its column and the sensor's velocity. This works for any direction of rotation.
 
-A pose is T_world_sensor at a scan's stamp, the middle of its columns; a velocity is (v, w) in m/s and rad/s along and
-about the sensor's own axes there.
+A pose is T_world_sensor at a scan's stamp, the middle of its columns. A velocity is (v, w) in m/s and rad/s along and
+about the sensor's axes at that time.
 
 >>> from lidarcodec.api import read_frames
 >>> scans = [scan_of(frame) for frame in read_frames("sim:street?frames=2")]
@@ -38,22 +37,23 @@ from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 ODOMETRIES: Final = ("auto", "kiss-icp", "small_gicp")
 NEAREST_M, FARTHEST_M = 3.0, 80.0
-"""Returns taken for registration: the vehicle itself is nearer, and what is further weighs more than it is sure."""
+"""Limits of returns for registration. The vehicle itself is nearer, and the errors of farther returns weigh too
+much."""
 MAP_EVERY: Final = 5
 MAP_CELL_M: Final = 0.2
 _FINE: Final = ((0.6, 20, 1e-3), (0.3, 20, 3e-4))
-"""Correspondence distance, iterations, and the step at which it is enough, for each stage against the map."""
+"""Correspondence distance, iterations, and step at which to stop, for each stage of registration in the map."""
 _PAIR: Final = ((0.8, 20, 1e-3), (0.4, 20, 3e-4))
 _LEAST_POINTS: Final = 50
 _BENT: Final = 9
-"""Scans from whose beginning an odometer has found the speed."""
+"""Number of scans after which an odometer has found the velocity."""
 
 Tick = Callable[[], None]
 
 
 class Scan(NamedTuple):
-    """The returns of a frame, as the sensor saw them. points: (N, 3) float32, metres; after_s: (N,) float32, the time
-    of each after `stamp_ns`, seconds, negative for those before."""
+    """The returns of a frame, without deskewing. points: (N, 3) float32, metres; after_s: (N,) float32, time of each
+    return after `stamp_ns` in seconds, negative if it was earlier"""
 
     stamp_ns: int
     points: npt.NDArray[np.float32]
@@ -61,7 +61,8 @@ class Scan(NamedTuple):
 
 
 def scan_of(frame: Frame) -> Scan:
-    """The valid returns of a frame; stamped between its first and last column with a return (its own, if none)."""
+    """The valid returns of a frame. The stamp is the middle between its first and last column with a return; without
+    returns it is the frame's stamp."""
     cloud = frame.cloud()
     times = cloud["t_ns"]
     stamp = (int(times[0]) + int(times[-1])) // 2 if len(times) else frame.stamp_ns
@@ -70,7 +71,8 @@ def scan_of(frame: Frame) -> Scan:
 
 
 def deskewed(scan: Scan, velocity: Matrix) -> Matrix:
-    """(N, 3) float64, the returns seen from where the sensor was at the scan's stamp; velocity: (6,), even over it."""
+    """(N, 3) float64, the returns relative to the sensor's pose at the scan's stamp. velocity: (6,), constant during
+    the scan"""
     after = scan.after_s.astype(np.float64)[:, None]
     points = scan.points.astype(np.float64)
     turn = velocity[3:] * after
@@ -81,7 +83,7 @@ def deskewed(scan: Scan, velocity: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """stamps_ns: (F,) int64, rising; matrices: (F, 4, 4) T_world_sensor; velocities: (F, 6)."""
+    """stamps_ns: (F,) int64, increasing; matrices: (F, 4, 4) T_world_sensor; velocities: (F, 6)"""
 
     stamps_ns: npt.NDArray[np.int64]
     matrices: Matrix
@@ -89,9 +91,9 @@ class Trajectory:
 
     @classmethod
     def from_matrices(cls, stamps_ns: Iterable[int], matrices: Matrix) -> Trajectory:
-        """Velocities are differences between the poses before and after.
+        """A trajectory from poses. Velocities are differences between the previous and the next pose.
 
-        Raises SourceError if the stamps do not rise or the poses are no rigid transforms.
+        Raises SourceError if the stamps do not increase or the poses are not rigid transforms.
         """
         poses = Poses(np.array(list(stamps_ns), np.int64), np.asarray(matrices, np.float64))  # checks
         stamps, count = poses.stamps_ns, len(poses.stamps_ns)
@@ -105,9 +107,9 @@ class Trajectory:
 
     @classmethod
     def from_poses(cls, poses: Poses, stamps_ns: Sequence[int]) -> Trajectory:
-        """What a file of poses, or the simulator, knows of these moments.
+        """A trajectory from poses of a file or the simulator, at these times.
 
-        Raises SourceError if it does not know one of them.
+        Raises SourceError if the poses do not cover all of them.
         """
         stamps = np.array(stamps_ns, np.int64)
         offsets = (-20_000_000, 0, 20_000_000)
@@ -122,7 +124,7 @@ class Trajectory:
         return len(self.stamps_ns)
 
     def poses(self) -> Poses:
-        """The same as poses at any time."""
+        """The trajectory as poses that can be interpolated."""
         return Poses(self.stamps_ns, self.matrices)
 
     def save(self, path: Path) -> None:
@@ -132,7 +134,7 @@ class Trajectory:
 
     @classmethod
     def load(cls, path: Path) -> Trajectory:
-        """What `save` wrote. Raises SourceError."""
+        """Read a file of `save`. Raises SourceError."""
         try:
             file = read_npz(path, most_bytes=largest("npz") or 0)
             found = cls(file["stamps_ns"], file["T_world_velo"], file["velocities"])
@@ -150,7 +152,7 @@ def _looked_up(poses: Poses, stamps: npt.NDArray[np.int64]) -> Matrix:
     found = [poses.at(int(stamp)) for stamp in stamps]
     missing = next((int(stamp) for stamp, pose in zip(stamps, found, strict=True) if pose is None), None)
     if missing is not None:
-        raise SourceError(f"the poses do not cover {missing / 1e9:.3f} s in which there are scans")
+        raise SourceError(f"the poses do not cover {missing / 1e9:.3f} s of the scans")
     return np.stack([pose for pose in found if pose is not None])
 
 
@@ -172,7 +174,7 @@ def voxel_means(points: Matrix, cell_m: float) -> Matrix:
 
 
 class CellMeans:
-    """Means of points by cell over many scans, each scan once a cell, and in how many scans a cell was seen."""
+    """Means of points by cell over many scans, with one point of each scan, and the number of scans that saw a cell."""
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
@@ -180,13 +182,13 @@ class CellMeans:
         self._new: list[Matrix] = []
 
     def add(self, points: Matrix) -> None:
-        """The points of a scan in the world, (N, 3), at most one in a cell."""
+        """Add the points of a scan in the world, (N, 3), at most one in each cell."""
         self._new.append(points)
-        if sum(map(len, self._new)) > 2 * len(self._seen) + 5_000_000:  # a long drive must not be kept whole
+        if sum(map(len, self._new)) > 2 * len(self._seen) + 5_000_000:  # bounds memory for a long drive
             self._gather()
 
     def means(self, least_seen: int = 1) -> Matrix:
-        """(M, 3) float64, the mean of each cell that at least so many scans have seen."""
+        """(M, 3) float64, the mean of each cell that at least `least_seen` scans saw."""
         self._gather()
         chosen = self._seen >= least_seen
         means: Matrix = self._sums[chosen] / self._seen[chosen, None]
@@ -206,19 +208,20 @@ class CellMeans:
 
 
 class PlaneMap:
-    """Points with normals that scans are aligned with, point to plane. points: (N, 3), at least 50 for a result."""
+    """A map of points with normals for point-to-plane registration. points: (N, 3), at least 50"""
 
     def __init__(self, points: Matrix, neighbours: int = 20) -> None:
         import small_gicp
 
         if len(points) < _LEAST_POINTS:
-            raise SourceError(f"a map of {len(points)} points is too small to register scans with")
+            raise SourceError(f"a map of {len(points)} points is too small to register scans")
         self._cloud = small_gicp.PointCloud(np.ascontiguousarray(points, np.float64))
         self._tree = small_gicp.KdTree(self._cloud)
         small_gicp.estimate_normals(self._cloud, self._tree, neighbours, 1)
 
     def align(self, points: Matrix, start: Matrix, stages: Sequence[tuple[float, int, float]] = _FINE) -> Matrix:
-        """(4, 4) T_map_sensor of points (M, 3) of the sensor that stood about at `start`; that, if they are too few."""
+        """(4, 4) T_map_sensor for points (M, 3) in the sensor's frame. `start` is the approximate pose, and the
+        result if there are too few points."""
         import small_gicp
 
         if len(points) < _LEAST_POINTS:
@@ -243,7 +246,7 @@ def map_of(
 ) -> Matrix:
     """(M, 3) float64, voxel means in the world of every `every`-th scan, 3 to 80 m from the sensor.
 
-    least_seen: scans, of these, that must have a return in a cell: with more than 1, few moving things are left.
+    least_seen: least number of scans with a return in a cell; with more than 1, most moving objects are removed
     """
     seen = CellMeans(cell_m)
     for k in range(0, len(scans), every):
@@ -252,12 +255,12 @@ def map_of(
 
 
 def refine(scans: Sequence[Scan], start: Trajectory, rounds: int = 1, tick: Tick = lambda: None) -> Trajectory:
-    """Every scan aligned with one map of all of them, and the velocities from that; about 0.2 s a scan and round.
+    """Align every scan with one map of all scans, and compute the velocities; about 0.2 s for each scan and round.
 
-    Starts must be within about 0.3 m. From 18 scans on, the map is of what two scans saw, so few moving cars. A drive
-    that comes back to a place by another way needs its loop closed before.
+    Start poses must be correct to about 0.3 m. From 18 scans on, the map has only cells that two scans saw, which
+    removes most moving cars. If a drive returns to a place on another way, close the loop before.
 
-    Raises SourceError if scans and poses do not fit each other, or there is too little to register.
+    Raises SourceError if the numbers of scans and poses differ, or there are too few points to register.
     """
     if len(scans) != len(start):
         raise SourceError(f"{len(scans)} scans cannot be refined with {len(start)} poses")
@@ -274,20 +277,21 @@ def refine(scans: Sequence[Scan], start: Trajectory, rounds: int = 1, tick: Tick
 
 
 def odometer_of(method: str) -> type[KissOdometer] | type[GicpOdometer]:
-    """What chains scans by that name. Raises UnknownNameError; making one raises MissingExtraError."""
+    """The class of an odometry method. Raises UnknownNameError; making an object raises MissingExtraError."""
     if method not in ODOMETRIES:
         raise UnknownNameError("odometry", method, ODOMETRIES)
     return KissOdometer if method == "kiss-icp" else GicpOdometer
 
 
 def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: None) -> Trajectory:
-    """The scans chained one to the next, from the identity; 0.1-0.5 s a scan. `refine` it before centimetres count.
+    """Odometry: registers each scan relative to the earlier ones, starting at the identity; 0.1-0.5 s a scan. For
+    centimetres, `refine` the result.
 
-    A drive that begins at speed deceives a chain, which knows no speed yet: the first scans are bent, and 0.3 m are
-    lost on them. So the first nine are chained again, backwards, with the speed found by then.
+    If a drive begins at speed, the velocity is not known yet: the first scans are not deskewed correctly, which causes
+    an error of about 0.3 m. So the first nine scans are registered again, backwards, with the velocity found by then.
 
-    method: kiss-icp (extra `annotate`), small_gicp, or auto, which is small_gicp
-    Raises UnknownNameError, MissingExtraError; SourceError for no scans.
+    method: kiss-icp (extra `annotate`), small_gicp, or auto (small_gicp)
+    Raises UnknownNameError, MissingExtraError; SourceError if there are no scans.
     """
     kind = odometer_of(method)
     chain = _Chain(kind())
@@ -310,7 +314,7 @@ def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: N
 
 
 class _Chain:
-    """Scans, in time or against it, each begun from where the motion between the last two leads."""
+    """Registers scans, forwards or backwards in time. The start of each is predicted from the last motion."""
 
     def __init__(self, odometer: Odometer, velocity: Matrix | None = None) -> None:
         self._odometer = odometer
@@ -335,9 +339,10 @@ class _Chain:
 
 
 def disagreement(scans: Sequence[Scan], trajectory: Trajectory, gap: int = 8, step: int = 8) -> Matrix:
-    """(K, 3) float64, metres forward, left and up: how far the way from a scan to the one `gap` later is from what
-    these two say by themselves, by what stands 2 m above the road, where no cars are. Its rms is the noise of a
-    trajectory that was registered, and how far one from GPS slides. Pairs with too little up there are left out.
+    """(K, 3) float64, metres forward, left and up: differences between the trajectory's motion from a scan to the one
+    `gap` later, and the motion from registering these two scans directly. Only points at least 2 m above the road are
+    used, because no cars are there. The rms is the noise of a registered trajectory, or the drift of GPS positions.
+    Pairs with too few such points are skipped.
     """
     found = []
     for k in range(0, len(scans) - gap, step):

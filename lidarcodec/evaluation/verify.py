@@ -1,7 +1,7 @@
-"""A recording against the source it was made from: are the packets the same, and how far off is any range?
+"""Compares a recording with its source: are the packets identical, and how large are the range errors?
 
-Settings may change while a stream runs, and a target bitrate turns the bound from frame to frame; so each frame is
-judged by what its own message says of itself, not by what was noted when the recording began.
+Settings may change while a stream runs, and a target bitrate changes the bound from frame to frame. So each frame is
+checked against the bound in its own message, not against the settings at the start of the recording.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from lidarcodec.planes.plane_section import read_head
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 LATE_NS = 1_000_000_000
-"""A packet this much younger than the one that is looked for: that one is not in the source."""
+"""If the source has a packet that is this much later than the searched one, the searched one is not in the source."""
 
 
 LOSSLESS_INTENSITY: Final = (0, 1, 3, 4)
-"""Forms of an INTENSITY section that hold every byte (docs/wire-format.md)."""
+"""Forms of an INTENSITY section that are lossless (docs/wire-format.md)."""
 
 
 class Promise(NamedTuple):
-    """What a message says of its frame. step: width of its quantiser in range steps, None where the codec keeps no
-    bound; identical: whether the packets have to come back byte for byte; reduced: whether returns were left out"""
+    """The guarantees in a message. step: quantiser step in range steps, None if the codec has no bound; identical:
+    whether the packets must be identical; reduced: whether returns were removed"""
 
     step: int | None
     identical: bool
@@ -43,15 +43,15 @@ class Promise(NamedTuple):
 
 
 def bound_of(step: int, range_step_m: float = RANGE_STEP_M) -> float:
-    """The largest error, in metres, of a range that was quantised with a step."""
+    """The largest error in metres of a range that is quantised with this step."""
     return round(step // 2 * range_step_m, 6)
 
 
 def promise_of(message: Message) -> Promise:
-    """What a message that was decoded promises: bounded codecs begin a RANGE section with their step; `raw` has none,
-    and does not say whether its intensities are all there.
+    """The guarantees of a decoded message. Codecs with a bound begin a RANGE section with their step. `raw` has no
+    step, and does not say whether its intensities are complete.
 
-    Raises UnsupportedVersionError for a codec that this build does not know.
+    Raises UnsupportedVersionError for an unknown codec.
     """
     name = table.codec_name(message.codec)
     reduced = any(section.type in (SectionType.KEEP, SectionType.LATTICE) for section in message.sections)
@@ -69,7 +69,7 @@ def promise_of(message: Message) -> Promise:
 
 
 def _promise_of_planes(message: Message) -> Promise:
-    """The same of a message of another sensor than an HDL-64E."""
+    """The same for a message of a sensor other than an HDL-64E."""
     if not message.has(SectionType.PLANES):
         return Promise(1, True)
     head = read_head(message.section(SectionType.PLANES))
@@ -77,13 +77,13 @@ def _promise_of_planes(message: Message) -> Promise:
 
 
 class Coverage(NamedTuple):
-    """How much of a source a recording holds.
+    """The part of a source that is in a recording.
 
-    packets: those that are in the recording;  source_packets: all
-    first, last: places in the source of the first and of the last one, None without any
-    first_ns, last_ns: times of these
-    source_first_ns, source_last_ns: times of the source's own first and last one
-    gaps: runs of packets between first and last that are missing
+    packets: number of packets in the recording;  source_packets: number of packets of the source
+    first, last: positions in the source of the first and the last packet in the recording, None without packets
+    first_ns, last_ns: their times
+    source_first_ns, source_last_ns: times of the first and the last packet of the source
+    gaps: number of gaps between first and last
     """
 
     packets: int
@@ -98,11 +98,11 @@ class Coverage(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Whether nothing of the source is missing."""
+        """Whether no packet of the source is missing."""
         return self.packets == self.source_packets
 
     def result(self) -> dict[str, Any]:
-        """All of it as plain values; frames are of 348 packets."""
+        """The fields as plain values; a frame is 348 packets."""
         frames = {
             "frames": round(self.packets / FRAME_PACKETS, 2),
             "source_frames": round(self.source_packets / FRAME_PACKETS, 2),
@@ -111,12 +111,12 @@ class Coverage(NamedTuple):
 
 
 class PacketsByTime:
-    """Finds the packets of a recording's frames again in the source, going forward only.
+    """Finds the packets of a recording's frames in the source. It reads the source only forward.
 
-    Frames may be missing in the recording (replaced on the way, or left out by --skip): packets in between are passed
-    over and counted in `passed`. `coverage` tells which of the source's packets were found.
-    positions: of the packets taken last, the position packets before each; passed_positions: those before the first
-    packet that was passed over for them, None if none was
+    Frames may be missing in the recording (replaced by newer ones, or skipped by --skip). The packets in between are
+    skipped and counted in `passed`. `coverage` tells which packets of the source were found.
+    positions: for each of the last found packets, the position packets before it; passed_positions: position packets
+    before the first skipped packet, None if no packet was skipped
     """
 
     def __init__(self, packets: Iterable[Packet]) -> None:
@@ -128,7 +128,7 @@ class PacketsByTime:
         self._to: Packet | None = None
         self._source_from: Packet | None = None
         self._source_to: Packet | None = None
-        self._before: deque[list[Packet]] = deque([[]])  # of each that waits, and of the next one
+        self._before: deque[list[Packet]] = deque([[]])  # for each waiting packet, and for the next one
         self.passed = 0
         self.positions: list[list[Packet]] = []
         self.passed_positions: list[Packet] | None = None
@@ -147,7 +147,7 @@ class PacketsByTime:
         return self._waiting[at]
 
     def coverage(self, stopped: Callable[[], bool] = lambda: False) -> Coverage | None:
-        """What was taken, of all that the source has: reads it to its end. None if that was stopped."""
+        """The found part of the source. This reads the source to its end; None if it was stopped."""
         count = self._at + len(self._waiting)
         self._waiting.clear()
         self._before = deque([[]])
@@ -173,9 +173,9 @@ class PacketsByTime:
         )
 
     def take(self, first: Packet, count: int) -> list[Packet] | None:
-        """`count` packets, beginning with the one that has the time of `first`; None if the source has none.
+        """`count` packets, beginning with the packet with the time of `first`; None if the source has no such packet.
 
-        Where several packets have that time (clocks of some recorders are coarse), the one with its bytes is meant.
+        If several packets have that time (some recorders have coarse clocks), it is the one with the same bytes.
         """
         at, found = 0, -1
         while (packet := self._look(at)) is not None and packet.stamp_ns <= first.stamp_ns + LATE_NS:
@@ -200,7 +200,7 @@ class PacketsByTime:
         return taken
 
     def _note(self, passed: int, taken: list[Packet]) -> None:
-        """Keep account of what was found in the source."""
+        """Update the coverage."""
         self._at += passed
         if taken:
             if self._from is None:
@@ -212,21 +212,21 @@ class PacketsByTime:
             self._to, self._last = taken[-1], self._at - 1
 
     def behind(self) -> tuple[list[Packet], bool]:
-        """Position packets behind what was taken last, and whether no data packet follows."""
+        """Position packets after the last found packets, and whether no data packet follows."""
         last = self._look(0) is None
         return self._before[0], last
 
 
 @dataclass
 class Comparison:
-    """What differs between a recording and its source, added up frame by frame.
+    """Differences between a recording and its source, summed frame by frame.
 
-    beyond: frames with an error beyond the bound of their own message; beyond_m: the largest such error
-    left_out: returns that a reducer dropped, which are not lost
-    differing: packets that are not identical although their message says that they are
-    steps: frames by the step of their message; None: of a codec that keeps no bound
-    unjudged: frames that no message speaks for, such as those of recorded packets
-    positions: the position packets
+    beyond: number of frames with an error beyond the bound in their own message; beyond_m: the largest such error
+    left_out: returns that a reducer removed; they do not count as lost
+    differing: packets that are not identical although their message guarantees it
+    steps: number of frames by the step in their message; None: frames of a codec without a bound
+    unjudged: frames without a message, such as frames of recorded packets
+    positions: comparison of the position packets
     """
 
     frames: int = 0
@@ -244,13 +244,13 @@ class Comparison:
 
     @property
     def packets_identical(self) -> bool:
-        """Whether every packet of the recording is, byte for byte, the source's."""
+        """Whether every packet of the recording is identical to the source's packet."""
         return self.identical_packets == self.packets and not self.not_in_source
 
     def add(self, decoded: Frame, source: PacketsByTime, promise: Promise | None = None) -> None:
-        """Compare one decoded frame with the packets it was made from, and with what its message promised.
+        """Compare a decoded frame with its packets in the source, and with the guarantees in its message.
 
-        Raises SectionError for a frame that never was packets.
+        Raises SectionError for a frame that was not made from packets.
         """
         back, before = places(packets_of(decoded))
         self.frames += 1
@@ -272,7 +272,7 @@ class Comparison:
             self._compare(original, decoded, promise)
 
     def finish(self, source: PacketsByTime) -> None:
-        """All frames were added: compare what follows the last one."""
+        """Call this after the last frame: compares the position packets after it."""
         behind, last = source.behind()
         self.positions.finish(behind, last=last)
 
@@ -294,7 +294,7 @@ class Comparison:
             self.beyond_m = max(self.beyond_m, errors.max_error_m or 0.0)
 
     def result(self) -> dict[str, Any]:
-        """All of it as plain values."""
+        """The results as plain values."""
         errors = self.errors
         return {
             "frames": self.frames,

@@ -1,8 +1,9 @@
-"""Are the position packets of a recording those of its source: same bytes, same places, times within a microsecond?
+"""Compares the position packets of a recording with its source: same bytes, same places, times within a microsecond.
 
-Between two frames it is open to which of them a position packet belongs. So what follows the last data packet of one
-frame is compared together with what precedes the first of the next. At a gap, and at both ends of the recording, a
-frame that is not there may hold the rest: there, what is in the recording has to be in the source, not the reverse.
+A position packet between two frames may belong to either of them. So the position packets after the last data packet of
+one frame and before the first data packet of the next are compared together. At a gap, and at both ends of the
+recording, a missing frame may have some of them. There the recording's packets must be in the source, but the source
+may have more.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ ROUNDED_NS: Final = 1000
 
 
 def places(packets: Sequence[Packet]) -> tuple[list[Packet], list[list[Packet]]]:
-    """Data packets, and the position packets before each of them; those behind the last come last."""
+    """Data packets, and lists of the position packets before each of them. The last list has those after the last
+    one.
+    """
     data: list[Packet] = []
     before: list[list[Packet]] = [[]]
     for packet in packets:
@@ -32,8 +35,8 @@ def places(packets: Sequence[Packet]) -> tuple[list[Packet], list[list[Packet]]]
 
 @dataclass
 class PositionComparison:
-    """Adds up frame by frame. recorded: in the recording; identical: those with the same in the source at their place;
-    missing: in the source, where all of it was recorded, and not in the recording."""
+    """Counts position packets frame by frame. recorded: in the recording; identical: equal to the source's at the same
+    place; missing: in a recorded part of the source, but not in the recording"""
 
     recorded: int = 0
     identical: int = 0
@@ -42,14 +45,14 @@ class PositionComparison:
 
     @property
     def all_identical(self) -> bool:
-        """Whether every one of the recording is the source's, and none of those is missing."""
+        """Whether every recorded position packet is identical and none is missing."""
         return self.identical == self.recorded and not self.missing
 
     def add(self, ours: list[list[Packet]], theirs: list[list[Packet]], passed: list[Packet] | None) -> None:
         """Compare a frame of P data packets.
 
-        ours: before each of them, and behind the last; theirs: before each of them in the source
-        passed: None where this frame begins in the source where the last one ended; else what followed that one there
+        ours: position packets before each of them, and after the last; theirs: before each of them in the source
+        passed: position packets after the previous frame in the source; None if this frame follows it without a gap
         """
         if len(ours) == 1:
             self._tail = (self._tail or []) + ours[0]
@@ -66,11 +69,12 @@ class PositionComparison:
             self._same(mine, wanted)
 
     def lost(self, ours: list[list[Packet]]) -> None:
-        """Count those of a frame that is not in the source."""
+        """Count the position packets of a frame that is not in the source."""
         self.recorded += sum(map(len, ours))
 
     def finish(self, behind: list[Packet], *, last: bool) -> None:
-        """Compare what follows the last frame. behind: in the source; last: whether no data packet follows there."""
+        """Compare the position packets after the last frame. behind: those in the source; last: whether no data packet
+        follows in the source"""
         if last:
             self._same(self._tail or [], behind)
             self._tail = None

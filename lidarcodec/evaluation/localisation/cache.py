@@ -1,4 +1,4 @@
-"""Results kept in a folder, by a digest of everything that they depend on: a second run computes only what is new.
+"""Results in a folder, named by a digest of everything that they depend on. A second run computes only new results.
 
 >>> import tempfile
 >>> with tempfile.TemporaryDirectory() as folder:
@@ -25,12 +25,12 @@ from lidarcodec.files.whole import written_whole
 from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 FORM: Final = 1
-"""Raised when the same input gives other results than before."""
+"""Version of the results; increase it when the same input gives other results than before."""
 Arrays = dict[str, npt.NDArray[Any]]
 
 
 def digest(*parts: Any) -> str:
-    """Hexadecimal name of arrays and plain values, in order."""
+    """Hexadecimal digest of arrays and plain values, in order."""
     found = hashlib.sha256(f"localisation {FORM}".encode())
     for part in parts:
         if isinstance(part, np.ndarray):
@@ -42,7 +42,7 @@ def digest(*parts: Any) -> str:
 
 
 class Cache:
-    """A folder of .npz files; None keeps nothing. A file that cannot be read is made again."""
+    """A folder of .npz files; None stores nothing. A file that cannot be read is made again."""
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
@@ -50,7 +50,7 @@ class Cache:
             folder.mkdir(parents=True, exist_ok=True)
 
     def arrays(self, name: str, make: Callable[[], Arrays]) -> Arrays:
-        """What is kept under a name, or else what `make` gives, kept from now on."""
+        """The arrays stored under a name; otherwise call `make` and store its arrays."""
         if self.folder is None:
             return make()
         path = self.folder / f"{name}.npz"

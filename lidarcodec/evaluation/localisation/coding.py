@@ -1,7 +1,7 @@
-"""A drive as its receiver gets it: every frame through the encoder, the bytes of its messages and the decoder.
+"""A drive as its receiver gets it: every frame is encoded, packed, unpacked and decoded.
 
-Reducers are applied by the encoder, from the stream's own settings; for what they are told of the car's motion a frame
-carries its pose, with the errors that odometry has.
+The encoder applies the reducer of the stream's settings. Reducers use the motion of the car, so each frame has its
+pose, with typical errors of odometry.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from lidarcodec.wire import pack, unpack
 ODOMETRY_M: Final = 0.05
 ODOMETRY_DEG: Final = 0.1
 ODOMETRY_S: Final = 0.9
-"""What wheels and gyroscopes are off by, all axes together, after so long; the error grows as that of a random walk."""
+"""Error of wheel odometry and gyroscopes over all axes, after so long. It grows like a random walk."""
 Choose = Callable[[Frame], Frame]
 
 
 @dataclass
 class Received:
-    """frames: what was decoded, by number, of those asked for; one that was left out has no return
-    sizes: bytes of each frame's message; points: returns that were sent, of each frame; sent: returns there were
+    """frames: the requested decoded frames, by number; a frame that was skipped has no return
+    sizes: bytes of each frame's message; points: number of sent returns of each frame; sent: number of its returns
     """
 
     frames: dict[int, Frame] = field(default_factory=dict)
@@ -41,17 +41,17 @@ class Received:
 
     @property
     def frame_bytes(self) -> float:
-        """Mean bytes of a frame, everything counted."""
+        """Mean bytes of a frame, all data included."""
         return float(np.sum(self.sizes) / max(len(self.points), 1))
 
     @property
     def frame_points(self) -> float:
-        """Mean returns of a frame that were sent."""
+        """Mean number of sent returns of a frame."""
         return float(np.mean(self.points)) if self.points else 0.0
 
 
 def with_odometry(drive: Drive, reference: Reference, seed: int) -> list[Frame]:
-    """The drive's frames, each with T_world_sensor at its stamp as odometry has it."""
+    """The drive's frames, each with T_world_sensor at its stamp from simulated odometry."""
     random = np.random.default_rng((seed, 3))
     before = pose = reference.at(0, (drive.frames[0].stamp_ns - int(drive.stamps_ns[0])) * 1e-9)
     frames = [drive.frames[0].with_(pose=pose)]
@@ -73,10 +73,10 @@ def received(
     choose: Choose | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> Received:
-    """Send frames one after the other; those whose place in the order is wanted are kept.
+    """Encode and decode frames one after the other, and return those with a position in `wanted`.
 
-    choose: sets what is sent of a frame, in place of the settings' own reducer
-    Raises DecodeError when a codec fails on what it wrote itself, SettingsError, UnknownNameError.
+    choose: selects the returns to send, instead of the reducer of the settings
+    Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
     """
     encoder, decoder, found = StreamEncoder(settings), StreamDecoder(), Received()
     wanted_frames, place = set(wanted), dict[int, int]()

@@ -1,8 +1,8 @@
-"""How many scans of a drive saw a place again: the paper's observation counts, with the whole drive at hand.
+"""How many scans of a drive saw a place: the paper's observation counts, computed from the whole drive.
 
-A place is the mean of a 0.1 m cell over the scans of the map; a scan sees it when it has a return within 0.1 m, and
-counts once. A return takes the count of the place nearest to it within 0.5 m, 0 where there is none. A car that stands
-sees the same again and again and learns nothing by it: scans count from 0.5 m of travel on.
+A place is the mean of a 0.1 m cell over the scans of the map. A scan sees it if it has a return within 0.1 m, and
+counts once. A return gets the count of its nearest place within 0.5 m, or 0 if there is none. A standing car sees the
+same places repeatedly, which is no new information. So a scan counts only after 0.5 m of travel.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Tick = Callable[[], None]
 def place_counts(
     drive: Drive, reference: Reference, mapped: Iterable[int], tick: Tick = lambda: None
 ) -> tuple[Matrix, npt.NDArray[np.int32]]:
-    """Places (M, 3) in the world and how many scans saw each, (M,), of the mapped scans. About 0.1 s a scan."""
+    """Places (M, 3) in the world, and the number of mapped scans that saw each place (M,). About 0.1 s a scan."""
     places = whole_map(drive, reference, mapped, CELL_M)
     index, counts = _index(places), np.zeros(len(places), np.int32)
     for at in travelled(reference.poses):
@@ -41,7 +41,7 @@ def place_counts(
 
 
 def travelled(poses: Matrix) -> list[int]:
-    """The scans that lie at least 0.5 m from the one before that was taken."""
+    """Indices of scans at least 0.5 m from the previously selected scan."""
     taken = [0]
     for at in range(1, len(poses)):
         if np.linalg.norm(poses[at, :3, 3] - poses[taken[-1], :3, 3]) >= TRAVEL_M:
@@ -53,7 +53,7 @@ class Counted:
     """Looks up the counts of returns. places: (M, 3) in the world; counts: (M,)"""
 
     def __init__(self, places: Matrix, counts: npt.NDArray[np.int32]) -> None:
-        self._index, self._counts = _index(places), np.append(counts, np.int32(0))  # the last one: none near enough
+        self._index, self._counts = _index(places), np.append(counts, np.int32(0))  # the last: no place is near
 
     def of(self, points: Matrix) -> npt.NDArray[np.int32]:
         """(N,) the count of the nearest place of each point (N, 3) in the world."""

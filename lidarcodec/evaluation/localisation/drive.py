@@ -1,4 +1,4 @@
-"""A drive in memory: its whole turns, when each was, and the points of a frame as seen from its stamp.
+"""A drive in memory: its complete turns, their times, and the points of a frame as seen from its stamp.
 
 >>> drive = read_drive("sim:street?frames=4")
 >>> len(drive.frames), drive.name
@@ -25,14 +25,16 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.poses import Poses
 
 WHOLE: Final = 0.95
-"""Share of the usual width from which a frame counts as a whole turn; the ends of a drive are cut turns."""
+"""A frame with at least this share of the usual width counts as a complete turn. A drive begins and ends with
+incomplete turns."""
 FEWEST_FRAMES: Final = 2
 
 
 @dataclass(frozen=True)
 class Drive:
-    """name: the source's; frames: whole ones, in order; stamps_ns: (F,) int64, host time of the middle of each; poses:
-    the source's own, if it has any; exact: whether they are those that the packets were made with"""
+    """name: name of the source; frames: complete frames, in order; stamps_ns: (F,) int64, host time of the middle of
+    each frame; poses: poses of the source, if it has any; exact: whether the packets were simulated with these
+    poses"""
 
     name: str
     frames: list[Frame]
@@ -41,21 +43,21 @@ class Drive:
     exact: bool = False
 
     def scan(self, at: int, frame: Frame | None = None) -> Scan:
-        """The returns of frame number `at`, or of what was decoded for it, timed from the stamp of the original."""
+        """The returns of frame number `at`, or of its decoded frame, with times relative to the original's stamp."""
         found = scan_of(self.frames[at] if frame is None else frame)
         stamp = int(self.stamps_ns[at])
         later = np.float32((found.stamp_ns - stamp) * 1e-9)
         return Scan(stamp, found.points, found.after_s + later)
 
     def cloud(self, at: int, velocity: Matrix, frame: Frame | None = None) -> Matrix:
-        """(N, 3) the points of `scan`, seen from where the sensor was at the stamp; nearer than 3 m, where the car
-        itself is, and beyond 80 m there are none. velocity: (6,) of the sensor over that turn."""
+        """(N, 3) the points of `scan`, as seen from the sensor's pose at the stamp. Points nearer than 3 m (the car
+        itself) and beyond 80 m are omitted. velocity: (6,) velocity of the sensor during the turn"""
         scan = self.scan(at, frame)
         return deskewed(scan, velocity)[in_reach(scan.points)]
 
 
 def in_reach(points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-    """(N,) whether points (N, 3) are neither the car itself nor too far to be used."""
+    """(N,) whether points (N, 3) are neither on the car itself nor too far away."""
     distance = np.linalg.norm(points, axis=1)
     reached: npt.NDArray[np.bool_] = (distance > NEAREST_M) & (distance < FARTHEST_M)
     return reached
@@ -71,10 +73,10 @@ def read_drive(
     poses: Path | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> Drive:
-    """The drive of a source; 0.5 MB a frame stay in memory.
+    """Read the drive of a source. It needs 0.5 MB of memory for each frame.
 
-    frames: how many at most, counted with those that are no whole turns; skip: frames left out before them
-    Raises SourceError, also where fewer than two whole frames are left, SettingsError, CalibrationError.
+    frames: most frames, including incomplete turns; skip: number of frames to skip first
+    Raises SourceError, also if there are fewer than two complete frames, SettingsError, CalibrationError.
     """
     found = []
     with open_source(spec, calibration=calibration, poses=poses) as source:
@@ -87,6 +89,6 @@ def read_drive(
     usual = np.median([frame.width for frame in found]) if found else 0
     whole = [frame for frame in found if frame.width >= WHOLE * usual]
     if len(whole) < FEWEST_FRAMES:
-        raise SourceError(f"{spec} has {len(whole)} whole frames: too few for localisation")
+        raise SourceError(f"{spec} has {len(whole)} complete frames: too few for localisation")
     stamps = np.array([scan_of(frame).stamp_ns for frame in whole], np.int64)
     return Drive(str(spec), whole, stamps, given, exact)

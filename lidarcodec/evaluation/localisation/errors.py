@@ -1,4 +1,4 @@
-"""How far off an estimated pose is: the paper's Trans mATE, Rot mAPE and mAPE, as the tool `evo` defines them.
+"""Errors of estimated poses: the paper's Trans mATE, Rot mAPE and mAPE, as defined by the tool `evo`.
 
 With E = inverse(reference) estimate:
 
@@ -6,7 +6,7 @@ With E = inverse(reference) estimate:
     Rot mAPE     mean of the Frobenius norm of (rotation of E - I) no unit; 2 sqrt(2) sin(angle / 2)
     mAPE         mean of the Frobenius norm of (E - I)             sqrt(Trans^2 + Rot^2) for one pose
 
-and the angle of E in degrees beside them, which is what a reader can picture.
+In addition the angle of E in degrees, which is easier to imagine.
 
 >>> off = np.eye(4)
 >>> off[0, 3] = 0.03
@@ -28,7 +28,7 @@ DRAWS: Final = 1000
 
 
 def pose_errors(estimates: Matrix, references: Matrix) -> dict[str, Matrix]:
-    """(N,) of each of FIELDS for estimates and references, (N, 4, 4) both."""
+    """Each error in FIELDS as (N,), for estimates (N, 4, 4) and references (N, 4, 4)."""
     off = invert(references) @ estimates
     return {
         "trans_m": np.linalg.norm(off[:, :3, 3], axis=1),
@@ -48,9 +48,10 @@ def standard_error(values: Matrix, seed: int) -> float | None:
 
 
 def error_over_drives(drives: list[Matrix], seed: int) -> float | None:
-    """Standard error of the mean over drives: drives are drawn, then frames within each; None for less than two.
+    """Standard error of the mean over drives, by bootstrap over drives and then over frames; None for fewer than two
+    drives.
 
-    The mean is that of the drives' means: a long drive counts no more than a short one.
+    It is the error of the mean of the drives' means, so long and short drives have the same weight.
     """
     if len(drives) < 2:
         return None
@@ -63,7 +64,8 @@ def error_over_drives(drives: list[Matrix], seed: int) -> float | None:
 
 
 def summary(errors: dict[str, Matrix], counted: Any, seed: int) -> dict[str, Any]:
-    """Means over the counted poses, (N,) bool, and how many were not: `mate_m`, `rot_mape`, `mape`, `angle_deg`."""
+    """Means `mate_m`, `rot_mape`, `mape` and `angle_deg` over the counted poses, and the number of the others. counted:
+    (N,) bool"""
     if not np.any(counted):
         return {"mate_m": None, "mate_m_error": None, "rot_mape": None, "mape": None, "angle_deg": None}
     return {

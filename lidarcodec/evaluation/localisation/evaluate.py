@@ -1,6 +1,6 @@
-"""How well a car finds its place by what was sent: one drive, every method, the paper's protocol.
+"""Accuracy of localisation with decoded frames: one drive, every method, the paper's protocol.
 
-read the drive -> the reference -> for every method: reduce, encode, decode -> a map -> look for every scored scan
+read the drive -> reference poses -> for every method: reduce, encode, decode -> map -> localise every scored scan
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Options:
-    """How it is looked for; every combination is tried. stride: every how many-th scan is tracked"""
+    """Options of the localisation; every combination is measured. stride: every `stride`-th scan is tracked"""
 
     maps: Sequence[MapKind] = ("whole",)
     receivers: Sequence[Receiver] = ("decoded",)
@@ -63,8 +63,8 @@ class Options:
 
 @dataclass(frozen=True)
 class Outcome:
-    """result: plain values, as `--json` prints them; errors: of every estimate, by protocol, (N,) each; estimates:
-    (N, 4, 4) by protocol; world: (M, 3) the map made of what was sent"""
+    """result: plain values, as in `--json`; errors: errors of all estimates by protocol, (N,) each; estimates: (N,
+    4, 4) by protocol; world: (M, 3) the map made of the decoded frames"""
 
     result: dict[str, Any]
     errors: dict[str, dict[str, Matrix]] = field(default_factory=dict)
@@ -73,9 +73,9 @@ class Outcome:
 
 
 class Evaluation:
-    """One drive, made ready. Nothing is computed before it is needed.
+    """One drive. Everything is computed when it is first needed.
 
-    Raises SourceError, SettingsError, CalibrationError where the source or its poses cannot be used.
+    Raises SourceError, SettingsError, CalibrationError if the source or its poses cannot be used.
     """
 
     def __init__(
@@ -124,9 +124,9 @@ class Evaluation:
         return Reference(found, "refined", Noise(metres, degrees, tuple(slide)))
 
     def method(self, method: Method) -> list[Outcome]:
-        """A method with every map, receiver and localiser.
+        """Measure a method with every map, receiver and localiser.
 
-        Raises SettingsError, UnknownNameError, DecodeError as encoder and decoder do.
+        Raises SettingsError, UnknownNameError, DecodeError of encoder and decoder.
         """
         chosen = fitted(method, self._sent)
         coded = self._sent(chosen, sorted({*self.scored.all, *self.mapped}))
@@ -174,7 +174,7 @@ class Evaluation:
         return Outcome({**about, **judgements}, errors, dict(estimates), own)
 
     def _sent(self, method: Method, wanted: Sequence[int], only: Sequence[int] | None = None) -> Received:
-        """What comes out of the decoder. only: send these frames alone (a choice looks at one frame at a time)."""
+        """The decoded frames. only: send only these frames (possible because a choice depends on one frame)."""
         frames = self._frames
         if method.reduction not in CHOICES:
             sent = frames if only is None else [frames[at] for at in only if at < len(frames)]
@@ -209,7 +209,7 @@ class Evaluation:
         return self.drive.cloud(at, self.reference.velocities[at], frame)
 
     def _own(self, localiser: str, place: str, own: Matrix) -> World:
-        """The map of what a method sent, by its digest; kept until there is another."""
+        """The map of a method's decoded frames, by its digest. It is kept until the next one."""
         if self._last is None or self._last[:2] != (localiser, place):
             self._last = localiser, place, LOCALISERS[localiser](own)
         return self._last[2]

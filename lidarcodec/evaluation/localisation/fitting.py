@@ -1,4 +1,4 @@
-"""Equal bytes: how many points a method may send so that its frames take a given size."""
+"""Comparison at equal bytes: finds the number of points at which a method's frames have a given size."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from lidarcodec.evaluation.localisation.methods import Method
 TRIES: Final = 4
 CLOSE: Final = 0.01
 SAMPLE: Final = range(30)
-"""Frames in a row."""
+"""Number of consecutive frames."""
 FEWEST, MOST = 50, 200_000
 
 
 class Send(Protocol):
-    """Sends a method's frames: those that are kept, those that are sent at all."""
+    """Sends a method's frames. wanted: frames to return; only: frames to send"""
 
     def __call__(self, method: Method, wanted: range, only: range | None = None) -> Received: ...
 
 
 def fitted(method: Method, send: Send) -> Method:
-    """The method with the budget at which a frame takes `frame_bytes`, within 1 % on thirty frames in a row."""
+    """The method with the budget at which a frame has `frame_bytes`, within 1 % over thirty consecutive frames."""
     if method.frame_bytes is None or method.points is None:
         return method
     for _ in range(TRIES):

@@ -1,4 +1,5 @@
-"""Where a cloud is in a map: point-to-plane ICP, or VGICP, coarse to fine, by small_gicp. Same settings for everyone.
+"""Registers a cloud in a map with small_gicp: point-to-plane ICP or VGICP, coarse to fine. All methods use the same
+settings.
 
 >>> floor = np.stack(np.meshgrid(np.arange(0, 8, 0.25), np.arange(0, 8, 0.25), [0.0]), axis=-1).reshape(-1, 3)
 >>> room = np.concatenate([floor, floor[:, [0, 2, 1]], floor[:, [2, 0, 1]]])
@@ -20,12 +21,12 @@ from lidarcodec.evaluation.trajectory import PlaneMap
 
 NEIGHBOURS: Final = 20
 FEWEST: Final = 300
-"""Points that a stage takes at least, if there are as many."""
+"""Least number of points in a stage, if the cloud has so many."""
 
 
 class Stage(NamedTuple):
-    """One run of ICP. distance_m: how far a match may lie; share: every how many-th point is used; step_m: a smaller
-    step ends it"""
+    """One run of ICP. distance_m: largest distance of a match; share: every `share`-th point is used; step_m: it
+    ends when a step is smaller"""
 
     distance_m: float
     iterations: int
@@ -34,22 +35,22 @@ class Stage(NamedTuple):
 
 
 COARSE: Final = (Stage(5.0, 10, 4, 0.02), Stage(2.0, 15, 4, 0.01), Stage(0.8, 12, 2, 0.002), Stage(0.35, 20, 1, 3e-4))
-"""From the last known place, metres away."""
+"""Stages for a start that is metres away, such as the last known pose."""
 FINE: Final = (Stage(1.2, 15, 2, 0.005), Stage(0.6, 15, 1, 1e-3), Stage(0.3, 20, 1, 2e-4))
-"""From near by: what is left is the cloud's own error."""
+"""Stages for a near start: the remaining error is due to the cloud."""
 Schedule = tuple[Stage, ...]
 
 
 class World(Protocol):
-    """What clouds are put into."""
+    """A map in which clouds are registered."""
 
     def align(self, cloud: Matrix, start: Matrix, stages: Schedule) -> Matrix:
-        """(4, 4) T_world_sensor of a cloud (N, 3) in its sensor's frame; the start itself for an empty cloud."""
+        """(4, 4) T_world_sensor of a cloud (N, 3) in the sensor's frame; `start` for an empty cloud."""
 
 
 def sample_of(cloud: Matrix, share: int) -> Matrix:
-    """Every so many-th point of the cloud, drawn at random, always the same; neighbours stay together, which is a
-    quarter faster in the search tree."""
+    """A random sample of 1 / `share` of the points, with a fixed seed. Neighbours stay together, which makes the search
+    tree a quarter faster."""
     chosen = np.random.default_rng(5).permutation(len(cloud))[: max(len(cloud) // share, FEWEST)]
     return np.ascontiguousarray(cloud[np.sort(chosen)], np.float64)
 
@@ -61,7 +62,7 @@ class PlaneWorld:
         self._map = PlaneMap(points, NEIGHBOURS)
 
     def align(self, cloud: Matrix, start: Matrix, stages: Schedule) -> Matrix:
-        """By point-to-plane ICP: the nearest point of the map, and the distance along its normal."""
+        """Point-to-plane ICP: the distance to the nearest point of the map, along its normal."""
         pose = start
         for stage in stages:
             how = (stage.distance_m, stage.iterations, stage.step_m)
@@ -70,7 +71,7 @@ class PlaneWorld:
 
 
 class VoxelWorld:
-    """A map of cells with a normal distribution in each: VGICP, the nearest relative of NDT that small_gicp has."""
+    """A map of cells with a normal distribution each: VGICP, the method of small_gicp that is closest to NDT."""
 
     SIZES_M: Final = (4.0, 2.0, 1.0)
 
@@ -86,7 +87,7 @@ class VoxelWorld:
             self._maps.append(cells)
 
     def align(self, cloud: Matrix, start: Matrix, stages: Schedule) -> Matrix:
-        """In cells of 4 m, then 2 m, then 1 m; of the stages only the number of iterations is taken."""
+        """VGICP with cells of 4 m, then 2 m, then 1 m. It uses only the number of iterations of the stages."""
         import small_gicp
 
         pose = start

@@ -1,7 +1,7 @@
-"""Returns that stand out: Harris in three dimensions on normals, and intrinsic shape signatures, over search trees.
+"""Keypoints: 3D Harris on normals, and intrinsic shape signatures (ISS), with search trees.
 
-Baselines of the paper, here to be compared with; both take the points of a frame and a number, and give places. SIFT on
-clouds is left out: no library that installs without a window system has it.
+These are baselines of the paper. Both take the points of a frame and a number, and return the indices of keypoints.
+SIFT on clouds is not included: no library without a window system has it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ Places = npt.NDArray[np.intp]
 NEIGHBOURS: Final = 24
 SALIENT_RATIO: Final = 0.975
 ONE_IN_M: Final = 0.25
-"""Of what stands out, the best in a cell of this size is taken: the non-maximum suppression of both."""
+"""Non-maximum suppression of both: only the best point in a cell of this size is a keypoint."""
 HARRIS_K: Final = 0.04
 
 
 def harris(points: Matrix, count: int) -> Places:
-    """Places, rising, of the highest Harris responses: det(C) - k trace(C)^3, C the mean of n n' over 24 neighbours."""
+    """Sorted indices of the highest Harris responses det(C) - k trace(C)^3; C is the mean of n n' over 24
+    neighbours.
+    """
     tree = Cloud(points)
     normals = tree.normals()[tree.neighbours(points, NEIGHBOURS)]
     spread = np.einsum("nki,nkj->nij", normals, normals) / NEIGHBOURS
@@ -32,8 +34,8 @@ def harris(points: Matrix, count: int) -> Places:
 
 
 def iss(points: Matrix, count: int) -> Places:
-    """Places, rising, of the highest smallest eigenvalue of the neighbourhood's scatter (24 nearest), where each
-    eigenvalue is below 0.975 of the next: no direction of such a place is like another (Zhong 2009)."""
+    """Sorted indices of the points with the largest third eigenvalue of the scatter matrix of their 24 neighbours. Each
+    eigenvalue must be below 0.975 of the next larger one, so that all three directions differ (Zhong 2009)."""
     apart = points[Cloud(points).neighbours(points, NEIGHBOURS)] - points[:, None]
     values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", apart, apart) / NEIGHBOURS)
     clear = (values[:, 1] < SALIENT_RATIO * values[:, 2]) & (values[:, 0] < SALIENT_RATIO * values[:, 1])

@@ -1,4 +1,4 @@
-"""The map that clouds are put into: means of cells over every fifth scan. A scan that is scored is never in it."""
+"""The map for localisation: means of cells over every fifth scan. It never contains a scored scan."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lidarcodec.evaluation.rigid import Matrix, moved
 from lidarcodec.evaluation.trajectory import MAP_CELL_M, CellMeans, voxel_means
 
 FEWEST: Final = 100
-"""Points without which nothing can be found in a map."""
+"""Least number of points of a map."""
 
 
 def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
-    """(N, 3) means of cells, first in each cloud (N, 3) in the world, then over all of them.
+    """(N, 3) means of cells, first within each cloud (N, 3) in the world, then over all clouds.
 
-    Raises SourceError for fewer than 100 points in all.
+    Raises SourceError if there are fewer than 100 points.
     """
     means = CellMeans(cell_m)
     for cloud in clouds:
@@ -30,7 +30,7 @@ def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
 
 
 def whole_map(drive: Drive, reference: Reference, mapped: Iterable[int], cell_m: float = MAP_CELL_M) -> Matrix:
-    """(N, 3) the map of all returns of the mapped scans."""
+    """(N, 3) the map from all returns of the mapped scans."""
     return merged(
         (moved(reference.poses[at], drive.cloud(at, reference.velocities[at])) for at in mapped),
         cell_m,

@@ -1,4 +1,4 @@
-"""What is compared: a way to reduce, a codec with its settings, and a budget.
+"""The methods to compare: a reduction, a codec with its settings, and a budget.
 
 >>> [method.label for method in methods(["all", "voxel"], [StreamSettings(codec="zstd")], [9000])]
 ['all', 'voxel 9,000']
@@ -17,8 +17,8 @@ from lidarcodec.settings import StreamSettings
 
 @dataclass(frozen=True)
 class Method:
-    """reduction: as given; settings: of the stream, with a reducer of the product in them; points: budget of a choice
-    that is made for comparison only; frame_bytes: the size that the budget is to be fitted to, None = as it stands"""
+    """reduction: its name; settings: settings of the stream, with the reducer if lidarcodec has it; points: budget of a
+    choice that exists only for comparison; frame_bytes: size to which the budget is fitted, None = the budget stays"""
 
     reduction: str
     settings: StreamSettings
@@ -27,11 +27,11 @@ class Method:
 
     @property
     def label(self) -> str:
-        """Name in tables and pictures, without the codec."""
+        """Name in tables and plots, without the codec."""
         return self.reduction if self.points is None else f"{self.reduction} {self.points:,}"
 
     def with_points(self, points: int) -> Method:
-        """The same with another budget."""
+        """The method with another budget."""
         if self.reduction in CHOICES:
             return replace(self, points=points)
         return replace(self, points=points, settings=self.settings.changed(keep_points=points))
@@ -43,9 +43,9 @@ def methods(
     budgets: Sequence[int],
     frame_bytes: int | None = None,
 ) -> list[Method]:
-    """Every reduction with every setting of a codec and, where it takes one, every budget.
+    """Every reduction with every setting of a codec and, if it has a budget, every budget.
 
-    Raises SettingsError for what an encoder would refuse.
+    Raises SettingsError for settings that an encoder would refuse.
     """
     found = []
     for name in reductions:

@@ -1,4 +1,4 @@
-"""Pictures of localisation: errors as boxes (the paper's Fig. 6), maps from above (Fig. 5), error against bitrate."""
+"""Plots of localisation: box plots of errors (the paper's Fig. 6), maps from above (Fig. 5), error against bitrate."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lidarcodec.evaluation.plots import MARKS, blank_figure, plain_ticks
 
 DPI: Final = 80
 DRAWN: Final = 60_000
-"""Points of a map that are drawn at most."""
+"""Most points of a map that are drawn."""
 
 
 def plot_boxes(outcomes: Sequence[Outcome], path: Path, protocol: str = "track") -> None:
-    """A box for each method: quartiles, whiskers at 1.5 times their distance, all else as dots; logarithmic.
+    """A box for each method: quartiles, whiskers at 1.5 times the quartile distance, outliers as dots; logarithmic.
 
-    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    Raises MissingExtraError without matplotlib, OSError if the file cannot be written.
     """
     figure = blank_figure(9, 1.6 + 0.32 * len(outcomes))
     names = [_name(outcome.result, outcomes) for outcome in outcomes]
@@ -38,7 +38,7 @@ def plot_boxes(outcomes: Sequence[Outcome], path: Path, protocol: str = "track")
 
 
 def plot_maps(outcomes: Sequence[Outcome], path: Path) -> None:
-    """The map of what each method sent, from above, by height; the number of points and r_c above each."""
+    """The map of each method from above, coloured by height. The title has the number of points and r_c."""
     shown = [outcome for outcome in outcomes if outcome.world is not None]
     figure = blank_figure(9, 0.5 + 1.5 * len(shown))
     for axes, outcome in zip(
@@ -64,7 +64,8 @@ def plot_maps(outcomes: Sequence[Outcome], path: Path) -> None:
 
 
 def plot_sweep(results: Sequence[dict[str, Any]], path: Path, protocol: str) -> None:
-    """RMSE of the place against bitrate, a line a codec, a panel a localiser; both logarithmic, 5 cm marked."""
+    """Position RMSE against bitrate, a line for each codec, a panel for each localiser. Both axes are logarithmic, and
+    5 cm is marked."""
     localisers = list(dict.fromkeys(result["localiser"] for result in results))
     figure = blank_figure(5.2 * len(localisers), 4.4)
     panels = np.atleast_1d(figure.subplots(1, len(localisers), sharey=True))
@@ -79,17 +80,17 @@ def plot_sweep(results: Sequence[dict[str, Any]], path: Path, protocol: str) -> 
             kbps, rmse = np.array(line).reshape(-1, 2).T
             axes.plot(kbps, np.maximum(rmse, 1e-5), marker=mark, markersize=4, linewidth=1, label=codec)
         axes.axhline(AIM_M, color="#9ca3af", linestyle="--", linewidth=1)
-        axes.set(xscale="log", yscale="log", xlabel="kbit/s, everything counted", title=localiser)
+        axes.set(xscale="log", yscale="log", xlabel="kbit/s, all data included", title=localiser)
         plain_ticks(axes.xaxis)
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
-    panels[0].set_ylabel("RMSE of the place against the original's, m")
+    panels[0].set_ylabel("position RMSE relative to the original, m")
     panels[0].legend(frameon=False, fontsize=8)
     figure.suptitle(f"{results[0]['source']}, {results[0]['receiver']}", fontsize=10)
     figure.savefig(path, dpi=DPI)
 
 
 def _name(result: dict[str, Any], outcomes: Sequence[Outcome]) -> str:
-    """The method, with what tells it from the others where that is more."""
+    """The method's name, with further options if they differ between methods."""
     parts = [label(result)]
     for key in ("map", "receiver", "localiser"):
         if len({outcome.result[key] for outcome in outcomes}) > 1:

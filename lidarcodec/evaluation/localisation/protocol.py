@@ -1,11 +1,11 @@
-"""How a place is looked for: tracking as the paper does it, from bad starts, and from near by.
+"""Localisation tests: tracking as in the paper, bad starts, and near starts.
 
-track    every third scan, all of them as far apart, from where the one before was found, with no model of motion. Off
-         by more than 1 m or 4 degrees is lost: counted, and put back on the path. Errors are those of steps within
-         0.5 m and 2 degrees
-starts   2 m in any direction and 5 degrees of yaw off; found when within 0.2 m and 0.5 degrees
-near     0.5 m and 1 degree off, with fine stages only: the error that the cloud itself makes. Errors are those
-         within 0.3 m and 1 degree, the others are counted as bad
+track    every third scan, at equal intervals. It starts from the previous estimate, without a motion model. An
+         estimate off by more than 1 m or 4 degrees is lost: it is counted, and the next one starts at the true pose.
+         Mean errors are over steps within 0.5 m and 2 degrees
+starts   the start is off by 2 m in any direction and 5 degrees of yaw; found if within 0.2 m and 0.5 degrees
+near     the start is off by 0.5 m and 1 degree, with fine stages only. This shows the error due to the cloud. Mean
+         errors are over estimates within 0.3 m and 1 degree; the others are counted as bad
 """
 
 from __future__ import annotations
@@ -30,14 +30,13 @@ LOST: Final = (1.0, 4.0)
 COUNTED: Final = {"track": (0.5, 2.0), "starts": (0.2, 0.5), "near": (0.3, 1.0)}
 START_EVERY: Final = 9
 STARTS: Final = 2
-"""Bad starts for each of those scans."""
+"""Number of bad starts for each of these scans."""
 Clouds = Callable[[int], Matrix]
 
 
 @dataclass(frozen=True)
 class Scored:
-    """Which frames are looked for, and which the map is made of; none is both. tracked: (T,); started: (S,); mapped:
-    (M,)"""
+    """Frames to localise, and frames of the map; no frame is in both. tracked: (T,); started: (S,); mapped: (M,)"""
 
     tracked: npt.NDArray[np.intp]
     started: npt.NDArray[np.intp]
@@ -45,17 +44,17 @@ class Scored:
 
     @property
     def all(self) -> list[int]:
-        """Every frame that is looked for, in order."""
+        """All frames to localise, in order."""
         return sorted({*self.tracked.tolist(), *self.started.tolist()})
 
 
 def scored_frames(count: int, stride: int) -> Scored:
-    """Of a drive of `count` frames: every `stride`-th is tracked, every ninth looked for from bad starts, every fifth
-    in the map.
+    """For a drive of `count` frames: every `stride`-th frame is tracked, every ninth one gets bad starts, every
+    fifth one is in the map.
 
-    Where a scan would be tracked and mapped, the map takes the next one: a step of the track is `stride` scans, never
-    more. Only where every scan is tracked (`stride` 1) those of the map are left out. What is looked for from bad
-    starts moves on by one where it is in the map."""
+    If a frame would be both tracked and mapped, the map gets the next frame, so a step of the track is always `stride`
+    frames. Only if every frame is tracked (`stride` 1), the frames of the map are not tracked. If a frame with bad
+    starts is in the map, the next frame is used instead."""
     tracked = np.arange(1, count - 1, stride)
     mapped = np.arange(0, count, MAP_EVERY)
     if stride > 1:
@@ -66,7 +65,7 @@ def scored_frames(count: int, stride: int) -> Scored:
 
 
 def track(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[np.intp]) -> Matrix:
-    """(T, 4, 4) estimates, each started from the one before; a lost one is followed by the true pose."""
+    """(T, 4, 4) estimates, each started from the previous one, or from the true pose after a lost one."""
     found = np.empty((len(frames), 4, 4))
     start = poses[max(int(frames[0]) - 1, 0)] if len(frames) else np.eye(4)
     for step, at in enumerate(frames):
@@ -76,12 +75,12 @@ def track(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[np.in
 
 
 def lost(estimate: Matrix, reference: Matrix) -> bool:
-    """Whether tracking has lost its way."""
+    """Whether tracking has lost the position."""
     return not _within(pose_errors(estimate[None], reference[None]), *LOST)[0]
 
 
 def from_starts(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[np.intp], seed: int) -> Matrix:
-    """(S * STARTS, 4, 4) estimates from 2 m and 5 degrees off."""
+    """(S * STARTS, 4, 4) estimates from starts that are off by 2 m and 5 degrees."""
     random = np.random.default_rng((seed, 1))
     found = [
         world.align(clouds(int(at)), poses[at] @ _off(random, 2.0, 5.0), COARSE) for at in frames for _ in range(STARTS)
@@ -90,7 +89,7 @@ def from_starts(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray
 
 
 def from_near(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[np.intp], seed: int) -> Matrix:
-    """(T, 4, 4) estimates from 0.5 m and 1 degree off, with the fine stages."""
+    """(T, 4, 4) estimates from starts that are off by 0.5 m and 1 degree, with the fine stages."""
     random = np.random.default_rng((seed, 2))
     found = [world.align(clouds(int(at)), poses[at] @ _off(random, 0.5, 1.0), FINE) for at in frames]
     return np.array(found).reshape(-1, 4, 4)
@@ -111,7 +110,9 @@ def references(protocol: str, poses: Matrix, scored: Scored) -> Matrix:
 
 
 def judged(protocol: str, errors: dict[str, Matrix], seed: int) -> dict[str, Any]:
-    """What came of one protocol on one drive: means of `errors.summary`, `of` how many, and how many went wrong."""
+    """Results of one protocol on one drive: means of `errors.summary`, number of estimates `of`, and number of
+    failures.
+    """
     counted = _within(errors, *COUNTED[protocol])
     result = {"of": len(counted), **summary(errors, counted, seed)}
     result["median_m"] = float(np.median(errors["trans_m"])) if len(counted) else None
@@ -125,7 +126,7 @@ def judged(protocol: str, errors: dict[str, Matrix], seed: int) -> dict[str, Any
 
 
 def counted_errors(protocol: str, errors: dict[str, Matrix]) -> Matrix:
-    """(K,) metres, of those that count for the mean."""
+    """(K,) errors in metres that count for the mean."""
     metres: Matrix = errors["trans_m"][_within(errors, *COUNTED[protocol])]
     return metres
 

@@ -1,10 +1,10 @@
-"""What estimates are compared with: where the sensor was in the middle of every frame, and how fast it moved.
+"""The reference for estimates: the sensor's pose in the middle of every frame, and its velocity.
 
-    given     poses that the source has (of a simulated drive: exact), or a file of them
-    refined   odometry from the scans themselves, then every scan against a map of every fifth one
+given     poses of the source (exact for a simulated drive), or of a file
+refined   odometry from the scans, then registration of every scan in a map of every fifth scan
 
-Positions of a satellite receiver are no reference: KITTI's slide 0.13 to 0.16 m sideways within 0.8 s, and a map made
-with them keeps that. So given poses are used only if they are exact, or if an option says so.
+Satellite positions are not precise enough: those of KITTI drift sideways by 0.13 to 0.16 m within 0.8 s, and so would
+a map made with them. So given poses are used only if they are exact, or if an option requests them.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Noise:
-    """How uncertain a refined reference is itself.
+    """Uncertainty of a refined reference.
 
-    metres, degrees: standard deviation of one pose, by halves of scans. slide_m: (forward, left, up), rms, how far the
-    way over 0.8 s is from what its two ends say by themselves; empty where nothing stands high enough
+    metres, degrees: standard deviation of one pose, from halves of scans. slide_m: (forward, left, up), rms error of
+    the motion over 0.8 s, measured by registering both scans directly; empty if there are too few high objects
     """
 
     metres: float
@@ -51,7 +51,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Reference:
-    """kind: `exact`, `given` or `refined`; noise: of a refined one"""
+    """kind: `exact`, `given` or `refined`; noise: uncertainty of a refined reference"""
 
     trajectory: Trajectory
     kind: str
@@ -68,13 +68,13 @@ class Reference:
         return self.trajectory.velocities
 
     def at(self, frame: int, seconds: float) -> Matrix:
-        """(4, 4) the pose so long after the stamp of a frame, at its velocity."""
+        """(4, 4) the pose `seconds` after the stamp of a frame, at its velocity."""
         step = self.velocities[frame] * seconds
         pose: Matrix = self.poses[frame] @ pose_of(step[3:], step[:3])
         return pose
 
     def about(self) -> dict[str, Any]:
-        """As plain values."""
+        """Kind and uncertainty as plain values."""
         if self.noise is None:
             return {"kind": self.kind, "noise_m": None, "noise_deg": None, "slide_m": None}
         slide = list(self.noise.slide_m) or None
@@ -82,16 +82,16 @@ class Reference:
 
 
 def pose_of(vector: Matrix, position: Matrix) -> Matrix:
-    """(4, 4) of a rotation vector, radians, and a position."""
+    """(4, 4) pose from a rotation vector in radians and a position."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = exp_so3(vector), position
     return pose
 
 
 def find_reference(drive: Drive, name: ReferenceName = "auto", tick: Tick = lambda: None) -> Reference:
-    """The reference for a drive: `auto` takes exact poses where they are, else refines, about 1 s a frame.
+    """The reference for a drive. `auto` uses exact poses if there are any, and otherwise refines, about 1 s a frame.
 
-    Raises SettingsError for `given` without poses, SourceError where they do not span the drive.
+    Raises SettingsError for `given` without poses, SourceError if they do not cover the drive.
     """
     if name == "given" and drive.poses is None:
         raise SettingsError(f"{drive.name} has no poses: give --poses FILE, or --reference refined", "reference")
@@ -107,8 +107,8 @@ def find_reference(drive: Drive, name: ReferenceName = "auto", tick: Tick = lamb
 
 
 def _of_halves(drive: Drive, found: Trajectory) -> tuple[float, float]:
-    """Standard deviation of one pose, metres and degrees: both halves of a scan, every other column, are registered on
-    their own; they share the map but no return, and a whole scan is half as uncertain as their difference."""
+    """Standard deviation of one pose in metres and degrees. The even and the odd columns of a scan are registered
+    separately. They share the map but no return. The uncertainty of a whole scan is half of their difference."""
     scans = [drive.scan(at) for at in range(len(drive.frames))]
     world = PlaneMap(map_of(scans, found))
     apart = []

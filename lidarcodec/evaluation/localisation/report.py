@@ -1,4 +1,4 @@
-"""Results as a table: a line a method, the drives together when there are several."""
+"""Results as tables: a line for each method; for several drives also their means."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lidarcodec.evaluation.report import label as codec_label
 
 Result = dict[str, Any]
 SAME = ("reduction", "keep_points", "codec", "map", "receiver", "localiser")
-"""What results of several drives must have in common to be put together, besides the codec's settings."""
+"""Fields that must be equal in results of several drives to combine them, besides the codec's settings."""
 
 
 def over_drives(outcomes: Sequence[Outcome], seed: int) -> list[Result]:
-    """For each method that ran on several drives: means of the drives' means, the error over drives, and sums of what
-    was lost."""
+    """For each method that ran on several drives: means of the drives' means, their standard error, and sums of the
+    failures."""
     groups: dict[str, list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault(_key(outcome.result), []).append(outcome)
@@ -57,17 +57,17 @@ def _one_protocol(protocol: str, group: Sequence[Outcome], seed: int) -> Result:
         if name in parts[0]:
             mean[name] = sum(part[name] for part in parts)
     if "found" in parts[0]:
-        shares = [part["found"] for part in parts if part["of"]]  # a short drive has no start to look for
+        shares = [part["found"] for part in parts if part["of"]]  # a short drive has no bad starts
         mean["found"] = float(np.mean(shares)) if shares else None
     return mean
 
 
 def text_tables(results: Sequence[Result]) -> str:
-    """A table for each drive, and what each column means above them."""
+    """A table for each drive, with an explanation of the columns above."""
     lines = [
-        "Trans mATE in mm +- one standard error by bootstrap (over frames; over drives where there are several), steps",
-        "that went wrong not counted in it; Rot mAPE and mAPE as evo has them; r_c = points of a map of what was sent,",
-        "of the returns that went into it",
+        "Trans mATE in mm +- one standard error by bootstrap (over frames; over drives if there are several), without",
+        "failed steps; Rot mAPE and mAPE as in evo; r_c = points of a map of the decoded frames, as a share of the",
+        "returns that were used for it",
     ]
     for source in dict.fromkeys(result["source"] for result in results):
         rows = [result for result in results if result["source"] == source]
@@ -81,7 +81,7 @@ def _head(result: Result) -> str:
     known = result["reference"]
     noise = ""
     if known["noise_m"] is not None:
-        noise = f", itself uncertain by {known['noise_m'] * 1000:.1f} mm and {known['noise_deg']:.3f} degrees"
+        noise = f", uncertain by {known['noise_m'] * 1000:.1f} mm and {known['noise_deg']:.3f} degrees"
     if known["slide_m"] is not None:
         slide = " / ".join(f"{metres * 1000:.0f}" for metres in known["slide_m"])
         noise += f"; over 0.8 s {slide} mm forward, left, up"
@@ -89,7 +89,7 @@ def _head(result: Result) -> str:
 
 
 def label(result: Result) -> str:
-    """Name of a method: how it reduces, and to what."""
+    """Name of a method: its reduction and its budget."""
     budget = result["keep_points"]
     return str(result["reduction"]) if budget is None else f"{result['reduction']} {budget:,}"
 
@@ -135,5 +135,5 @@ def _millimetres(part: Result) -> str:
 
 
 def codec_of(result: Result) -> str:
-    """The codec, and what was set of it apart from its defaults."""
+    """The codec, and its settings that are not defaults."""
     return codec_label({**result, "settings": {**result["settings"], "reduction": "all", "keep_points": None}})

@@ -1,13 +1,12 @@
-"""Which returns of a frame are sent, for comparison only: choices that no vehicle makes.
+"""Choices of returns that exist only for comparison; no vehicle can make them.
 
-    harris         Harris in three dimensions          } of the paper; learnt nothing, know one scan
-    iss            intrinsic shape signatures          }
-    oracle         the highest true counts
-    oracle-spread  `voxel` among the three times as many of the highest true counts
-    oracle-static  `voxel` among what at least four scans saw: what moves is gone
+harris         3D Harris                           } baselines of the paper; not learned, from one scan
+iss            intrinsic shape signatures          } oracle the highest true counts
+oracle-spread  `voxel` among three times as many returns with the highest true counts
+oracle-static  `voxel` among returns that at least four scans saw, so without moving objects
 
-The oracles know the whole drive; they are the most that counting could give. Reducers of the product have their names
-in `lidarcodec.reduction`, and are applied by the encoder itself.
+The oracles know the whole drive: they are an upper limit for methods that count observations. The encoder applies the
+reducers in `lidarcodec.reduction` itself.
 """
 
 from __future__ import annotations
@@ -27,20 +26,21 @@ from lidarcodec.reduction.base import Budget
 from lidarcodec.reduction.voxel import Voxel
 
 Counts = Callable[[], npt.NDArray[np.int32]]
-"""Gives the true counts of the points in question, when they are asked for."""
+"""A function that computes the true counts of the points. It is called only if they are needed."""
 OVER: Final = 3
 STATIC: Final = 4
 
 
 class Choice(NamedTuple):
-    """places: those of (points, a number, their counts); spread: whether `voxel` has the last word among them"""
+    """places: function of (points, number, counts) that gives the chosen points; spread: whether `voxel` then chooses
+    among them"""
 
     places: Callable[[Matrix, int, Counts], Places]
     spread: bool = False
 
 
 def _highest(counts: npt.NDArray[np.int32], count: int) -> Places:
-    """Ties are broken by lot."""
+    """The points with the highest counts; ties are broken at random."""
     lots = np.random.default_rng(len(counts)).random(len(counts))
     return np.lexsort((lots, -counts))[:count]
 
@@ -55,9 +55,9 @@ CHOICES: Final[dict[str, Choice]] = {
 
 
 def kept(frame: Frame, name: str, count: int, counts: Counts) -> Frame:
-    """The frame with `keep` set by a choice among the returns that are neither the car's own nor too far.
+    """The frame with `keep` set by a choice among the returns that are neither on the car itself nor too far away.
 
-    counts: gives the true counts of those returns, column by column
+    counts: gives the true counts of these returns, column by column
     """
     points = xyz_of(frame.cloud())
     usable = in_reach(points)

@@ -1,8 +1,8 @@
-"""Tu 2016's second measure: how far decoded clouds move a car's estimated place, against the bitrate.
+"""Tu 2016's second measure: how much decoded clouds change the estimated position, against the bitrate.
 
-The error is the distance between where the decoded cloud and the original cloud are found, in the map of the originals:
-what the codec did, not what the localiser does anyway. Over a codec's settings it falls as the bitrate rises, and where
-it crosses 5 cm is one number for the codec (Tu 2016: 1.5 Mbit/s with MPEG video, by NDT).
+The error is the distance between the estimates from the decoded and from the original cloud, in the map of the original
+clouds. So it contains only the effect of the codec, not the error of the localiser. It falls as the bitrate rises. The
+bitrate at which it is 5 cm is one number for a codec (Tu 2016: 1.5 Mbit/s with MPEG video, by NDT).
 
 >>> crossing([(500, 0.2), (1000, 0.1), (2000, 0.025)])
 {'kbps': 1414.2, 'is': 'at'}
@@ -27,9 +27,9 @@ Result = dict[str, Any]
 
 
 def against_original(outcome: Outcome, original: Outcome, seed: int) -> Result:
-    """`rmse_m`, `mean_m` with its standard error, `of` and `bad` by protocol: estimates beside those of the original
-    cloud, with the same map, receiver, localiser and starts. A scan whose original was not found counts for neither;
-    one that only the decoded cloud did not find is `bad`, and not in the means."""
+    """`rmse_m`, `mean_m` with its standard error, `of` and `bad` by protocol: differences from the estimates with the
+    original cloud and the same map, receiver, localiser and starts. Scans that fail with the original cloud are not
+    counted. Scans that fail only with the decoded cloud are `bad`, and not in the means."""
     found: Result = {}
     for protocol, estimates in outcome.estimates.items():
         apart = pose_errors(estimates, original.estimates[protocol])
@@ -48,9 +48,10 @@ def against_original(outcome: Outcome, original: Outcome, seed: int) -> Result:
 
 
 def crossing(points: Sequence[tuple[float, float]], aim_m: float = AIM_M) -> Result | None:
-    """The bitrate from which on the error is at most 5 cm, between two settings along a line on logarithmic scales.
+    """The smallest bitrate with an error of at most 5 cm, by linear interpolation on logarithmic scales.
 
-    points: kbit/s and metres of each setting. `below`: already the coarsest is good enough. None: not even the finest.
+    points: kbit/s and metres of each setting. `below`: even the coarsest setting is good enough. None: not even the
+    finest one is.
     """
     ordered = sorted(points)
     worse = [at for at, (_, error) in enumerate(ordered) if error > aim_m]
@@ -64,7 +65,7 @@ def crossing(points: Sequence[tuple[float, float]], aim_m: float = AIM_M) -> Res
 
 
 def crossings(results: Sequence[Result], protocol: str) -> list[Result]:
-    """For each source, codec, reduction, receiver and localiser: where the RMSE crosses 5 cm."""
+    """The bitrate at which the RMSE is 5 cm, for each source, codec, reduction, receiver and localiser."""
     groups: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
         name = tuple(result[key] for key in ("source", "codec", "reduction", "receiver", "localiser"))

@@ -1,2 +1,2 @@
-"""Other people's coders, measured beside ours on the same frames and with the same count of bits. No codecs of ours:
-nothing of them goes over the wire."""
+"""Coders of other projects, measured on the same frames and with the same count of bits as our codecs. They exist only
+for this comparison: lidarcodec sends no data in their formats."""

@@ -1,4 +1,4 @@
-"""What a peer's file gives: what it is fed with, its one knob, and a function that makes its coder."""
+"""The definition of a peer: its input data, its one knob, and a function that makes its coder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOUNDS_M = (0.0, 0.01, 0.05, 0.2)
 
 
 class Coder(NamedTuple):
-    """Both ways of a peer. What goes in and comes back, by feed:
+    """Encoder and decoder of a peer. Their data, by feed:
 
     packets: bytes, the payloads of a frame; x y z: (N, 3) float64 metres, ring by ring, in the order of the columns;
     ranges: (64, W) uint16, steps of 2 mm, 0 = no return
@@ -31,8 +31,8 @@ class Coder(NamedTuple):
 class Peer(NamedTuple):
     """A peer, as `PEER` in its file.
 
-    feed: what it takes; knob: name of what is varied; values: of the knob, coarsest last; packages: distributions that
-    it runs on; make: a coder for a value; ordered: whether points come back in the order in which they went in
+    feed: kind of its input; knob: name of its varied parameter; values: values of the knob, coarsest last; packages:
+    the distributions that it needs; make: makes a coder for a value; ordered: whether decoded points keep their order
     """
 
     feed: Feed
@@ -44,9 +44,9 @@ class Peer(NamedTuple):
 
 
 def to_levels(ranges: Ranges, max_error_m: float) -> Ranges:
-    """(64, W) uint16, ranges in steps that keep a bound, 0 = no return: what a lossless coder then gets.
+    """(64, W) uint16, ranges quantised with a bound, 0 = no return: the input of a lossless coder.
 
-    A return nearer than half a step, a few centimetres, takes the first level, further away than the bound has it.
+    A return nearer than half a step (a few centimetres) gets the first level; its error can exceed the bound.
     """
     step = step_of(max_error_m)
     levels = np.maximum((ranges.astype(np.int32) + step // 2) // step, 1)
@@ -55,6 +55,6 @@ def to_levels(ranges: Ranges, max_error_m: float) -> Ranges:
 
 
 def from_levels(levels: Ranges, max_error_m: float) -> Ranges:
-    """(64, W) uint16, the ranges that levels stand for."""
+    """(64, W) uint16, the ranges of quantised levels."""
     out: Ranges = np.minimum(levels.astype(np.int32) * step_of(max_error_m), 65535).astype(np.uint16)
     return out

@@ -1,6 +1,7 @@
-"""`peer:draco`: Google's Draco, its kd-tree coder at its best level; `bits` divide the longest side of the cloud's box.
+"""`peer:draco`: Google's Draco, its kd-tree coder at its best level. `bits` is the resolution of the longest side of
+the cloud's bounding box.
 
-Points come back in another order, so the frame is lost: no rows, no columns, no packets.
+It changes the order of the points, so the structure of the frame is lost: no rows, no columns, no packets.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""`peer:ffv1`: the quantised range image as it is, frames as a film, through FFV1 (FFmpeg): level 3, range coder, wide
-contexts, 4 slices, statistics carried over ten frames."""
+"""`peer:ffv1`: the quantised range images as a video with FFV1 (FFmpeg): level 3, range coder, large contexts, 4
+slices, statistics kept over ten frames."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _FORMAT = "gray16le"
 _OPTIONS = {"level": "3", "coder": "range_tab", "context": "1", "slices": "4", "slicecrc": "0", "g": "10"}
 
 
-class _Film:
-    """An encoder and a decoder of pictures of one size; another size begins another film."""
+class _Video:
+    """An encoder and a decoder for images of one size. Another size begins a new video."""
 
     def __init__(self, max_error_m: float) -> None:
         self._bound = max_error_m
@@ -55,7 +55,7 @@ def _context(mode: Literal["r", "w"], shape: tuple[int, ...]) -> av.VideoCodecCo
 
 
 def _make(max_error_m: float) -> Coder:
-    film = _Film(max_error_m)
+    film = _Video(max_error_m)
     return Coder(film.encode, film.decode)
 
 

@@ -1,4 +1,4 @@
-"""`peer:jpegls`: the quantised range image as it is, holes and all, through JPEG-LS (CharLS)."""
+"""`peer:jpegls`: the quantised range image, including its holes, with JPEG-LS (CharLS)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lidarcodec.evaluation.peers.base import BOUNDS_M, Coder, Peer, Ranges, from
 
 def _make(max_error_m: float) -> Coder:
     def encode(ranges: Ranges) -> bytes:
-        room = 4 * ranges.nbytes + 4096  # noise takes more than it had
+        room = 4 * ranges.nbytes + 4096  # noise can become larger
         return bytes(imagecodecs.jpegls_encode(to_levels(ranges, max_error_m), out=room))
 
     def decode(data: bytes) -> Ranges:

@@ -1,4 +1,4 @@
-"""`peer:laszip`: LASzip (lazrs): x y z of a LAS file of point format 0, as whole numbers of `scale_m`."""
+"""`peer:laszip`: LASzip (lazrs): x y z of a LAS file with point format 0, as integer multiples of `scale_m`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`peer:lerc`: the quantised range image as it is through Esri's LERC, its output through zstd."""
+"""`peer:lerc`: the quantised range image with Esri's LERC, and its output with zstd."""
 
 from __future__ import annotations
 

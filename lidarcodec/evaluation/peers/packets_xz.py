@@ -1,4 +1,4 @@
-"""`peer:xz`: the bare packets of a frame through xz."""
+"""`peer:xz`: the raw packets of a frame, compressed with xz."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`peer:zstd`: the bare packets of a frame through zstd."""
+"""`peer:zstd`: the raw packets of a frame, compressed with zstd."""
 
 from __future__ import annotations
 

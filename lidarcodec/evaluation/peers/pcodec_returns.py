@@ -1,7 +1,7 @@
-"""`peer:pcodec`: the quantised returns, row after row, through pcodec as it is, and where they are through zstd.
+"""`peer:pcodec`: the quantised returns, row by row, with plain pcodec, and their mask with zstd.
 
-What the numerical codec does by itself, with differences of consecutive values at its highest level; our own `pcodec`
-sorts the same differences by activity first.
+pcodec uses differences of consecutive values at its highest level. Our own codec `pcodec` also sorts these differences
+by local activity.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _AS_DIFFERENCES = ChunkConfig(12, delta_spec=DeltaSpec.try_consecutive(1))
 
 
 def compress_returns(ranges: Ranges, max_error_m: float) -> bytes:
-    """The returns alone of (64, W) uint16 ranges, 0 = no return."""
+    """Compress only the returns of (64, W) uint16 ranges, 0 = no return."""
     levels = to_levels(ranges, max_error_m)
     return bytes(standalone.simple_compress(levels[levels > 0], _AS_DIFFERENCES))
 
 
 def decompress_returns(data: bytes, valid: npt.NDArray[np.bool_], max_error_m: float) -> Ranges:
-    """(64, W) ranges of what `compress_returns` gave, where there are returns."""
+    """(64, W) uint16 ranges from the bytes of `compress_returns`; valid: where there are returns."""
     levels = np.zeros(valid.shape, np.uint16)
-    if valid.any():  # of nothing the library makes None
+    if valid.any():  # for no values the library returns None
         levels[valid] = standalone.simple_decompress(data)
     return from_levels(levels, max_error_m)
 

@@ -1,6 +1,6 @@
-"""`peer:xz-rows`: the quantised range image as differences to the left, low bytes before high ones, through xz -9.
+"""`peer:xz-rows`: differences to the left neighbour of the quantised range image, low bytes first, with xz -9.
 
-What a general-purpose compressor reaches with a suitable layout of the data: the best of them near real time.
+It shows how well a general-purpose compressor works with a suitable data layout.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""One peer with one value of its knob over one source: a result of the shape that `bench` gives, with None for what
-does not apply.
+"""Measures one peer with one value of its knob on one source. The result has the fields of `bench`, with None for
+fields that do not apply.
 
-A peer that takes x y z or ranges holds the geometry and nothing else: its `geometry` and its `total` are the same bits.
-One that takes packets holds everything, and only a total can be told. What a peer does to points is measured along the
-ray, from the sensor's origin, against the point that went in; where the order is lost, against the nearest.
+A peer for x y z or ranges stores only the geometry, so its `geometry` and its `total` are equal. A peer for packets
+stores everything, so only the total is known. Errors of points are along the ray from the sensor's origin, relative to
+the original point, or to the nearest original point if the order is lost.
 
 >>> from lidarcodec.evaluation.peers.table import peer
 >>> result = bench_peer("sim:city?frames=1", "peer:zstd", 3)
@@ -50,7 +50,7 @@ def bench_peer(
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for a peer.
 
-    Raises UnknownNameError, MissingExtraError, SourceError, and DecodeError when the peer fails on a frame.
+    Raises UnknownNameError, MissingExtraError, SourceError, and DecodeError if the peer fails on a frame.
     """
     found = peer(name)
     run = _Run(name, found, value, MoreErrors() if metrics == "all" else None)
@@ -127,7 +127,7 @@ class _Run:
         given = self._given(frame, payloads)
         try:
             data, back = self._there_and_back(given)
-        except Exception as error:  # what other people's code raises is theirs to choose
+        except Exception as error:  # other projects raise errors of any type
             what = f"{self.name} {self.peer.knob}={self.value:g} failed on frame {frame.index}"
             raise DecodeError(f"{what}: {type(error).__name__}: {error}") from error
         self.frames += 1
@@ -137,7 +137,7 @@ class _Run:
         self._compare(frame, given, back)
 
     def _there_and_back(self, given: Any) -> tuple[bytes, Any]:
-        if not self.frames:  # libraries load on first use, and that is not a peer's time
+        if not self.frames:  # libraries load at their first use, and this must not count as the peer's time
             warm = self.peer.make(self.value)
             warm.decode(warm.encode(given))
         started = perf_counter()
@@ -166,7 +166,7 @@ class _Run:
             self.more.add(frame, decoded)
 
     def result(self) -> dict[str, Any]:
-        """All of it as plain values."""
+        """The result as plain values."""
         feed = self.peer.feed
         whole = feed == "packets"
         errors = self.offsets if feed == "x y z" else self.errors
@@ -207,6 +207,6 @@ class _Run:
 
 
 def _rings(frame: Frame) -> Floats:
-    """(N, 3) float64 metres, ring by ring: the order in which KITTI's files have them, and which costs least."""
+    """(N, 3) float64 metres, ring by ring: the order of KITTI's files, which also needs the fewest bits."""
     cloud = frame.cloud()
     return xyz_of(cloud[np.argsort(cloud["ring"], kind="stable")])

@@ -1,4 +1,4 @@
-"""The peers by name. Modules are named as text and imported on first use, so that what is not installed is not missed.
+"""The peers by name. Modules are imported at first use, so packages of unused peers need not be installed.
 
 >>> names()[:3]
 ('peer:zstd', 'peer:xz', 'peer:draco')
@@ -39,14 +39,14 @@ def names() -> tuple[str, ...]:
 
 
 def is_peer(name: str) -> bool:
-    """Whether a name in `--codec` means a peer."""
+    """Whether a name in `--codec` is a peer."""
     return name.startswith(PREFIX)
 
 
 def peer(name: str) -> Peer:
     """A peer that can run here.
 
-    Raises UnknownNameError, or MissingExtraError naming the package that is not installed.
+    Raises UnknownNameError, or MissingExtraError with the name of the missing package.
     """
     if name not in _TABLE:
         raise UnknownNameError("peer", name, _TABLE)
@@ -61,7 +61,7 @@ def peer(name: str) -> Peer:
 def versions(found: Peer) -> str:
     """The packages of a peer with their versions, such as `DracoPy 2.2.0`.
 
-    Raises MissingExtraError naming one that is not installed.
+    Raises MissingExtraError with the name of a missing package.
     """
     try:
         return ", ".join(f"{name} {version(name)}" for name in found.packages) or NO_PACKAGE
