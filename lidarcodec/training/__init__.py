@@ -1,7 +1,7 @@
 """Training of networks, with torch: the extra `learned`. Nothing that encodes or decodes needs it.
 
-Commands and benchmarks load a module of this package with `training_module`, so that a machine without torch is told
-what to install.
+Commands and benchmarks load its modules with `training_module`, so that on a machine without torch the error names what
+to install.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["training_module"]
 def training_module(name: str) -> Any:
     """The module lidarcodec.training.`name`.
 
-    Raises MissingExtraError when torch is not installed.
+    Raises MissingExtraError if torch is not installed.
     """
     try:
         return import_module(f"lidarcodec.training.{name}")

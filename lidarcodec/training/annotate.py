@@ -1,4 +1,4 @@
-"""Annotation of a drive: from how many places of it each return's spot was seen, and what that makes of the return.
+"""Annotation of a drive: counts from how many poses the place of each return was seen, and labels the return.
 
     frames      read once, in order
     trajectory  given, or by odometry and refinement
@@ -6,8 +6,9 @@
     counts      for each point of the map the poses that have a return within 0.1 m, each pose once
     labels      each return takes the count of the nearest point of the map; ground; Algorithm 1
 
-Each stage leaves files (`AnnotationFolder`) and is not done again when they are there. Counting and labelling are done
-in pieces of 25 frames, in this process or in several; what comes out does not depend on how many.
+Each stage writes files (`AnnotationFolder`), and is skipped if its files exist. Counting and labelling work on pieces
+of
+25 frames, in one process or in several; the result does not depend on their number.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from lidarcodec.units import FRAME_COLUMNS
 from lidarcodec.untrusted.npz import read_npy
 
 WARM_UP: Final = 5
-"""Frames before a piece that a finder of ground which learns is shown first."""
+"""Number of earlier frames that a ground detector with state sees before a piece."""
 INDEX_CELL_M, ASSIGN_M, REACH_M = 0.2, 0.5, 80.0
 
 Tick = Callable[[], None]
@@ -58,14 +59,14 @@ Tick = Callable[[], None]
 class AnnotationSettings:
     """How a drive is annotated.
 
-    source:     what it is of, for the record;  made_of: a digest of it, of its calibration and of its poses
+    source:     name of the source, for the record;  made_of: digest of the source, its calibration and its poses
     odometry: see `trajectory.odometry`; only without poses
     refine:     whether poses are refined against the map (odometry always is)
-    every:      the map is of every so many scans;  cell_m: its voxels;  d_th_m: a spot is seen with a return this near
-    travel_m:   a pose counts when the sensor was moved so far from the last that did: at rest all would count
-    label_every: scans from one that is labelled to the next
-    share:      of all returns, those that Algorithm 1 wants above its threshold;  ground: see `ground.METHODS`
-    piece:      frames a piece of work; a finder of ground that learns begins anew with each
+    every:      the map uses every so many scans;  cell_m: its voxels;  d_th_m: a place is seen if a return is this near
+    travel_m:   a pose counts only after so much travel since the last counted pose, so a standing car adds no counts
+    label_every: every so many scans are labelled
+    share:      share of all returns above the threshold of Algorithm 1;  ground: see `ground.METHODS`
+    piece:      frames in a piece of work; a ground detector with state starts again for each piece
     """
 
     source: str = ""
@@ -103,16 +104,16 @@ def annotate(
     workers: int = 1,
     stage: Callable[[str, int], Any] | None = None,
 ) -> dict[str, Any]:
-    """Annotates a drive, or goes on with it, and gives what annotation.json says in the end.
+    """Annotate a drive, or continue a stopped run. Returns the contents of annotation.json at the end.
 
-    frames:  its frames from the first on; parts of a turn at the end are left out
-    workers: processes for counts and labels;  stage(name, steps): a context that gives a function to call after each
-    Raises SettingsError, UnknownNameError, MissingExtraError; SourceError for no frames, or poses that do not fit.
+    frames:  frames of the drive; incomplete turns at the end are skipped
+    workers: processes for counts and labels;  stage(name, steps): a context with a function to call after each step
+    Raises SettingsError, UnknownNameError, MissingExtraError; SourceError if there are no frames or poses do not fit.
     """
     if workers < 1:
         raise SettingsError(f"{workers} workers: at least 1 is needed", "workers")
-    ground_finder(settings.ground)  # what is not installed must be said before an hour of work
-    if poses is None:  # and before the folder is begun, which would keep a name that is none
+    ground_finder(settings.ground)  # a missing package must be reported before an hour of work
+    if poses is None:  # also before the folder is begun, because it would store a wrong name
         odometer_of(settings.odometry)()
     begun = _Stages(stage)
     with begun("frames", 0) as tick:
@@ -157,7 +158,7 @@ class _Stages:
 
 
 def _read(frames: Iterable[Frame], folder: AnnotationFolder, settings: AnnotationSettings, tick: Tick) -> None:
-    """Frames into files, unless they are there; the folder is begun with the sensor of the first one."""
+    """Write frames to files, unless they exist. The sensor of the first frame is the sensor of the folder."""
     about = folder.about()
     if about is not None and "frames" in about:
         folder.begin(asdict(settings), folder.sensor)
@@ -172,7 +173,7 @@ def _read(frames: Iterable[Frame], folder: AnnotationFolder, settings: Annotatio
         count += 1
         tick()
     if not count:
-        raise SourceError(f"{settings.source} has no whole frame to annotate")
+        raise SourceError(f"{settings.source} has no complete frame to annotate")
     folder.note(frames=count)
 
 
@@ -200,7 +201,7 @@ def _map(folder: AnnotationFolder, settings: AnnotationSettings, tick: Tick) -> 
 
 @dataclass(frozen=True)
 class _Drive:
-    """What a process needs of a drive, read once."""
+    """Data of a drive that a process reads once."""
 
     folder: AnnotationFolder
     scans: Scans
@@ -208,7 +209,7 @@ class _Drive:
     index: Any
 
     def in_world(self, k: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """(N, 3) the returns of a scan, deskewed, and the same in the world."""
+        """(N, 3) the deskewed returns of a scan, and the same in the world."""
         own = deskewed(self.scans[k], self.trajectory.velocities[k])
         return own, np.ascontiguousarray(moved(self.trajectory.matrices[k], own))
 
@@ -225,7 +226,7 @@ def _piece(settings: AnnotationSettings, first: int, count: int) -> range:
 
 
 def _labelled(settings: AnnotationSettings, first: int, count: int) -> list[int]:
-    """The frames of a piece that are to be labelled."""
+    """The frames of a piece to label."""
     return [k for k in _piece(settings, first, count) if k % settings.label_every == 0]
 
 
@@ -234,7 +235,7 @@ def _is_labelled(folder: AnnotationFolder, settings: AnnotationSettings, first: 
 
 
 def counted_poses(matrices: npt.NDArray[np.float64], travel_m: float) -> npt.NDArray[np.bool_]:
-    """(F,) bool, the poses that count: each at least so far from the last one that does."""
+    """(F,) bool, the counted poses: each at least `travel_m` from the previous counted one."""
     counted = np.zeros(len(matrices), np.bool_)
     last: npt.NDArray[np.float64] | None = None
     for k, place in enumerate(matrices[:, :3, 3]):
@@ -268,7 +269,7 @@ def _sum_of_parts(folder: AnnotationFolder, piece: int) -> npt.NDArray[np.uint16
 
 def _label_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
     drive = _drive(path)
-    of_map = np.append(drive.folder.map_counts(), np.uint16(0))  # the last one: no point near enough
+    of_map = np.append(drive.folder.map_counts(), np.uint16(0))  # the last count: no point is near
     finder = ground_finder(settings.ground)
     if settings.ground == "patchwork":
         for k in range(max(first - WARM_UP, 0), first):
@@ -287,7 +288,7 @@ def _label_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Processes that are started meanwhile import nothing from the current folder: `spawn` gives Python no -P."""
+    """Keep new processes from importing modules from the current folder: `spawn` does not pass -P to Python."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -306,7 +307,7 @@ def _spread(
     workers: int,
     tick: Tick,
 ) -> None:
-    """Does each piece here, or in as many processes as are asked for; the first that fails ends it with its error."""
+    """Process each piece here, or in `workers` processes. The first error ends it and is raised."""
     path = folder.path.resolve()
     if min(workers, len(firsts)) <= 1:
         _drive.cache_clear()
@@ -328,7 +329,7 @@ def _spread(
 
 
 def _summary(folder: AnnotationFolder) -> dict[str, Any]:
-    """Shares of the labels, counts of what is not ground, and how far the way goes."""
+    """Shares of the labels, counts of returns that are not ground, and the length of the drive."""
     shares, medians, least = np.zeros(len(NAMES)), [], []
     labelled_frames = folder.labelled()
     for k in labelled_frames[:: max(len(labelled_frames) // 50, 1)]:

@@ -1,12 +1,12 @@
-"""AnnotationFolder: the frames of a drive, where they were seen from, and what each return is worth, in files.
+"""AnnotationFolder: the frames, poses and labels of a drive, in files.
 
-    annotation.json        settings of the run; what it found, when it is done
+annotation.json        settings of the run, and at its end the results
     frames/000000.npz      range (64, W) uint16, intensity uint8, azimuth, fired; column_s (W,) after stamp_ns
     trajectory.npz         T_world_velo (F, 4, 4) at the frames' stamps, and velocities; `--poses` reads it too
     map.npz                points (M, 3) float32, counts (M,) uint16: from how many poses each was seen
     labels/000000.npz      count (64, W) uint16; label (64, W) uint8: 0 none, 1 low, 2 high, 3 ground; threshold
 
-Files are written whole or not at all, so a run that was stopped goes on from those that are there.
+A file is written completely or not at all, so a stopped run continues with the existing files.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class Labels(NamedTuple):
 
 
 class AnnotationFolder:
-    """Reads and writes the files; what is not there yet is None or missing, never half there."""
+    """Reads and writes the files. A file is complete or missing."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def about(self) -> dict[str, Any] | None:
-        """What annotation.json says; None if there is none. Raises SourceError if it cannot be read."""
+        """Contents of annotation.json; None if there is none. Raises SourceError if it cannot be read."""
         try:
             data = read_file(self.path / "annotation.json", "about")
         except FileNotFoundError:
@@ -62,13 +62,13 @@ class AnnotationFolder:
         except JsonRefusedError:
             about = {}
         if about.get("format") != FORMAT or not isinstance(about.get("settings"), dict):
-            raise SourceError(f"{self.path}/annotation.json is not that of an annotated drive")
+            raise SourceError(f"{self.path}/annotation.json does not describe an annotated drive")
         return about
 
     def begin(self, settings: Mapping[str, Any], sensor: SensorModel) -> None:
-        """Take up the run that is here, or begin one.
+        """Continue the run in this folder, or begin one.
 
-        Raises SettingsError if the one here was made under other settings, SourceError if nothing can be written.
+        Raises SettingsError if the existing run has other settings, SourceError if nothing can be written.
         """
         about = self.about()
         if about is not None:
@@ -76,45 +76,45 @@ class AnnotationFolder:
                 then, now = about["settings"].get(name), settings.get(name)
                 if then != now and name == "made_of":
                     raise SettingsError(
-                        f"{self.path} was begun with another calibration, other poses or another capture: give another"
+                        f"{self.path} was begun with another calibration, other poses or another capture: use another"
                         " folder"
                     )
                 if then != now:
                     raise SettingsError(
-                        f"{self.path} was begun with {name} = {then!r}, not {now!r}: give the same, or another folder"
+                        f"{self.path} was begun with {name} = {then!r}, not {now!r}: use that value, or another folder"
                     )
             return
         if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
-            raise SettingsError(f"{self.path} is not empty and no annotated drive: give another folder")
+            raise SettingsError(f"{self.path} is not empty and not an annotated drive: use another folder")
         for name in ("frames", "labels"):
             _made(self.path / name)
         unit = {"name": sensor.name, "convention": sensor.convention, "table": sensor.calibration.table.tolist()}
         self._write_about({"format": FORMAT, "settings": dict(settings), "sensor": unit})
 
     def note(self, **found: Any) -> None:
-        """Add what was found to annotation.json."""
+        """Add results to annotation.json."""
         self._write_about((self.about() or {}) | found)
 
     @property
     def sensor(self) -> SensorModel:
-        """What the numbers of the frames mean. Raises SourceError."""
+        """The sensor of the frames. Raises SourceError."""
         try:
             unit = (self.about() or {})["sensor"]
             table = np.array(unit["table"], np.int32).reshape(len(CALIBRATION_FIELDS), -1)
             return SensorModel(unit["name"], Calibration(table), "given", unit["convention"])
         except (KeyError, TypeError, ValueError, OverflowError, CalibrationError):
-            raise SourceError(f"{self.path}/annotation.json says nothing about the sensor") from None
+            raise SourceError(f"{self.path}/annotation.json does not describe the sensor") from None
 
     @property
     def frames(self) -> int:
-        """Number of frames, once all are there. Raises SourceError before."""
+        """Number of frames. Raises SourceError unless all frames were written."""
         count = (self.about() or {}).get("frames")
         if not isinstance(count, int) or count < 1 or not self.has(f"frames/{count - 1:06d}.npz"):
-            raise SourceError(f"{self.path} is not a whole annotated drive: run `lidarcodec annotate` to its end")
+            raise SourceError(f"{self.path} is not completely annotated: run `lidarcodec annotate` to its end")
         return count
 
     def write_frame(self, index: int, frame: Frame) -> None:
-        """A frame, with the stamp and times of its scan."""
+        """Write a frame, with the stamp and times of its scan."""
         cloud, columns = frame.cloud(), np.zeros(frame.width, np.float32)
         scan = scan_of(frame)
         columns[np.nonzero(frame.valid.T)[0]] = scan.after_s
@@ -123,7 +123,7 @@ class AnnotationFolder:
                    fired=frame.fired, column_s=columns, stamp_ns=np.int64(scan.stamp_ns))  # fmt: skip
 
     def frame(self, index: int, sensor: SensorModel | None = None) -> Frame:
-        """A frame, stamped as its scan; without side information. Raises SourceError."""
+        """Read a frame, with the stamp of its scan and without side information. Raises SourceError."""
         file = self._load(f"frames/{index:06d}.npz")
         try:
             return Frame(index, int(file["stamp_ns"]), file["range"], file["intensity"], file["azimuth"],
@@ -139,13 +139,13 @@ class AnnotationFolder:
         return Scan(frame.stamp_ns, points, columns[np.nonzero(frame.valid.T)[0]].astype(np.float32))
 
     def write_labels(self, index: int, found: Labels) -> None:
-        """What the returns of a frame are worth."""
+        """Write the labels of a frame."""
         self._save(
             f"labels/{index:06d}.npz", count=found.counts, label=found.labels, threshold=np.int64(found.threshold)
         )
 
     def labels(self, index: int) -> Labels:
-        """What the returns of a frame are worth. Raises SourceError."""
+        """Read the labels of a frame. Raises SourceError."""
         file = self._load(f"labels/{index:06d}.npz")
         try:
             found = Labels(file["count"], file["label"], int(file["threshold"]))
@@ -156,17 +156,17 @@ class AnnotationFolder:
         return found
 
     def labelled(self) -> list[int]:
-        """Numbers of the frames that have labels, in order: those of files that are there. Raises SourceError."""
+        """Numbers of the frames with a file of labels, in order. Raises SourceError."""
         count, names = self.frames, (self.path / "labels").glob("*.npz")
         numbers = {int(path.stem) for path in names if re.fullmatch(r"[0-9]{6,9}", path.stem, re.ASCII)}
         return sorted(number for number in numbers if number < count)
 
     def has(self, name: str) -> bool:
-        """Whether a file, such as `labels/000003.npz`, is there."""
+        """Whether a file, such as `labels/000003.npz`, exists."""
         return (self.path / name).exists()
 
     def write_map(self, points: npt.NDArray[np.float32], counts: npt.NDArray[np.uint16] | None) -> None:
-        """The map; without counts, if it was not counted yet."""
+        """Write the map. counts: None before counting"""
         counted = {} if counts is None else {"counts": counts}
         self._save("map.npz" if counted else "points.npz", points=points, **counted)
 
@@ -181,21 +181,21 @@ class AnnotationFolder:
         return counts
 
     def trajectory(self) -> Trajectory:
-        """Where each frame was seen from. Raises SourceError."""
+        """The sensor's pose for each frame. Raises SourceError."""
         return Trajectory.load(self.path / "trajectory.npz")
 
     def write_trajectory(self, found: Trajectory) -> None:
-        """Where each frame was seen from."""
+        """Write the sensor's pose for each frame."""
         with written_whole(self.path / "trajectory.npz") as path:
             found.save(path)
 
     def write_part(self, first: int, counts: npt.NDArray[np.uint16]) -> None:
-        """How often each point of the map was seen in a run of frames."""
+        """Write how often each point of the map was seen in a piece."""
         with written_whole(self.path / f"seen-{first:06d}.npy") as path:
             np.save(path, counts)
 
     def parts(self, piece: int) -> Iterator[Path]:
-        """The files of `write_part` that are there, one for each run of `piece` frames."""
+        """The existing files of `write_part`, one for each piece of `piece` frames."""
         names = (self.path / f"seen-{first:06d}.npy" for first in range(0, self.frames, piece))
         yield from (path for path in names if path.exists())
 
@@ -215,7 +215,7 @@ class AnnotationFolder:
 
 
 class Scans(Sequence[Scan]):
-    """The scans of a folder, read when they are asked for."""
+    """The scans of a folder, read when they are used."""
 
     def __init__(self, folder: AnnotationFolder) -> None:
         self._folder, self._sensor, self._count = folder, folder.sensor, folder.frames
@@ -236,7 +236,7 @@ class Scans(Sequence[Scan]):
 
 
 def _are_labels(found: Labels) -> bool:
-    """Whether arrays of a file are counts and labels of the same returns."""
+    """Whether the arrays of a file are counts and labels of the same returns."""
     counts, labels, _ = found
     same = counts.shape == labels.shape and counts.ndim == 2
     whole = counts.dtype == np.uint16 and labels.dtype == np.uint8

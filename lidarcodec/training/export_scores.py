@@ -1,4 +1,4 @@
-"""ScoreNet as an ONNX file, with a note of what it was trained on, for `lidarcodec.reduction.score_network`."""
+"""Writes ScoreNet as an ONNX file with its training data in the metadata, for `lidarcodec.reduction.score_network`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ OPSET = 17
 
 
 def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str], *, force: bool = True) -> None:
-    """Write the network, for images of any width that is a multiple of 16; about: what stands in its metadata.
+    """Write the network, for images of any width that is a multiple of 16. about: its metadata
 
     force: whether to replace a file of that name
 
-    Raises MissingExtraError without the package onnx; SourceError when the file cannot be written.
+    Raises MissingExtraError without the package onnx; SourceError if the file cannot be written.
     """
     try:
         import onnx
@@ -34,7 +34,7 @@ def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str], *, force:
     buffer = io.BytesIO()
     axes = {"features": {3: "columns"}, "values": {3: "patches"}}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the other exporter needs packages that nothing else here does
+        warnings.simplefilter("ignore")  # the newer exporter needs further packages
         torch.onnx.export(
             net.cpu().eval(), (example,), buffer, input_names=["features"], output_names=["values"],
             dynamic_axes=axes, opset_version=OPSET, dynamo=False,

@@ -1,10 +1,9 @@
-"""Which returns are the road: a plane by RANSAC, as the PocoNet paper takes it, or patchwork++.
+"""Detects the road: a plane by RANSAC, as in the PocoNet paper, or patchwork++.
 
-Heights are the sensor's, z up, the sensor 1-3 m above the road. RANSAC finds the plane near the vehicle. A road is
-crowned, has kerbs, and bends further away, so a return is ground too where it is near the lowest of its square of 4 m,
-if it is near the plane: with the plane alone up to 15 m a sixth of the road of KITTI drive 0013 was taken for something
-that stands on it.
-patchwork++ learns over the frames of a drive, so one `Patchwork` is for one drive, in order.
+Heights are relative to the sensor, z up, and the sensor is 1-3 m above the road. RANSAC finds the plane near the
+vehicle. But roads are crowned, have kerbs, and bend further away. So a return near the plane is also ground if it is
+near the lowest return of its 4 m square. patchwork++ adapts over the frames of a drive, so one `Patchwork` is for one
+drive, in order.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from lidarcodec.errors import MissingExtraError, UnknownNameError
 
 METHODS: Final = ("ransac", "patchwork")
 SENSOR_HEIGHT_M: Final = 1.73
-"""Of KITTI's car and the simulated one; patchwork++ adapts from there."""
+"""Height of the sensor on KITTI's car and on the simulated one. patchwork++ starts with it and adapts."""
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -35,27 +34,27 @@ _LEAST: Final = 50
 
 
 class GroundFinder(Protocol):
-    """Says which points are ground, scan after scan of a drive."""
+    """Detects ground points, scan by scan of a drive."""
 
     def ground(self, points: Floats) -> Bools:
         """(N,) bool of points (N, 3) in metres, x forward, y left, z up."""
 
 
 def ground_finder(method: str, seed: int = 0) -> GroundFinder:
-    """A finder for one drive. Raises UnknownNameError, MissingExtraError."""
+    """A ground detector for one drive. Raises UnknownNameError, MissingExtraError."""
     if method not in METHODS:
         raise UnknownNameError("way to find ground", method, METHODS)
     return Ransac(seed) if method == "ransac" else Patchwork()
 
 
 class Ransac:
-    """The plane with the most returns on it, and the lowest returns around it. Cost: 20 ms for 120,000 returns."""
+    """The plane with the most returns, and the lowest returns near it. Cost: 20 ms for 120,000 returns."""
 
     def __init__(self, seed: int = 0) -> None:
         self._seed = seed
 
     def ground(self, points: Floats) -> Bools:
-        """Which points lie on the road: none where no plane is found."""
+        """(N,) bool, points on the road; none if no plane is found."""
         plane = self._plane(points)
         if plane is None:
             return np.zeros(len(points), np.bool_)
@@ -68,12 +67,12 @@ class Ransac:
             _, place, many = np.unique(square[:, 0] * (1 << 32) + square[:, 1], return_inverse=True, return_counts=True)
             order = np.lexsort((height[about], place))
             first = np.cumsum(many) - many
-            lowest = height[about][order][first + many // 10]  # a tenth lies lower: strays
+            lowest = height[about][order][first + many // 10]  # lower returns are outliers
             found[about] |= height[about] < lowest[place] + _ON_SQUARE_M
         return found
 
     def _plane(self, points: Floats) -> Floats | None:
-        """(4,) normal upwards and offset, so that normal . p + offset is the height above it."""
+        """(4,) upward normal and offset: normal . p + offset is the height above the plane."""
         rng = np.random.default_rng(self._seed)
         below = points[(points[:, 2] < -0.8) & (np.hypot(points[:, 0], points[:, 1]) < _FAR_M)]
         if len(below) < _LEAST:
@@ -98,7 +97,7 @@ class Ransac:
 
 
 class Patchwork:
-    """patchwork++ (extra `annotate`). Cost: 20-50 ms a scan. Raises MissingExtraError where it is not installed."""
+    """patchwork++ (extra `annotate`). Cost: 20-50 ms a scan. Raises MissingExtraError if it is not installed."""
 
     def __init__(self) -> None:
         try:
@@ -112,7 +111,7 @@ class Patchwork:
             self._finder: Any = pypatchworkpp.patchworkpp(parameters)
 
     def ground(self, points: Floats) -> Bools:
-        """Which points lie on the road, by what it learned from the scans before too."""
+        """(N,) bool, points on the road. The result also depends on earlier scans."""
         found = np.zeros(len(points), np.bool_)
         if len(points) >= _LEAST:
             self._finder.estimateGround(np.c_[points, np.zeros(len(points))].astype(np.float32))
@@ -122,7 +121,7 @@ class Patchwork:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Native code that greets on standard output must not stand in what a command prints."""
+    """Suppress a greeting of native code on standard output, which belongs to the command."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,4 +1,4 @@
-"""What a source holds, in sixteen digits: a file that was changed keeps its name."""
+"""Digest of the contents of a source, because a changed file can have the same name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AT_ONCE: Final = 1 << 20
 
 
 def digest_of(arrays: Iterable[npt.NDArray[Any]]) -> str:
-    """A digest of what a network is trained on; 16 hexadecimal digits."""
+    """A digest of training data; 16 hexadecimal digits."""
     found = hashlib.sha256()
     for array in arrays:
         found.update(array.tobytes())
@@ -27,11 +27,11 @@ def digest_of(arrays: Iterable[npt.NDArray[Any]]) -> str:
 
 
 def identity(source: PacketSource, spec: str) -> str:
-    """A digest of the calibration, the poses and all that a source holds; 16 hexadecimal digits.
+    """A digest of the calibration, the poses and the contents of a source; 16 hexadecimal digits.
 
-    spec: what was opened. A file is read as bytes, a folder as packets, and both to their end: a capture that was still
-    being copied begins with the same frames. Of a simulated drive, which its name describes, the first frame is enough.
-    Raises what the source raises, SourceError.
+    spec: text that opened the source. A file is read as bytes, a folder as packets, both to their end, because an
+    incomplete copy of a capture begins with the same frames. For a simulated drive the first frame is enough, because
+    its name describes the rest. Raises errors of the source, SourceError.
     """
     found, parsed = hashlib.sha256(source.sensor.hash.encode()), parse(spec)
     if parsed.scheme:

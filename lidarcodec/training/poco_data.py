@@ -1,7 +1,7 @@
-"""A scan as PocoNet takes it: some of its returns, and for each stage the neighbours of each and the sampled ones.
+"""The input of PocoNet: some returns of a scan, and for each stage their neighbours and the sampled ones.
 
-4096 * 30 returns, as the paper has it, or fewer for a machine without a GPU. A scan with fewer returns repeats some at
-random; of one with more a random part is taken, and every other return goes by the nearest that was.
+4096 * 30 returns, as in the paper, or fewer on a machine without a GPU. If a scan has fewer returns, some are repeated
+at random. If it has more, a random part is used, and each other return gets the result of its nearest used return.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ PAPER_POINTS: Final = 4096 * 30
 CPU_POINTS: Final = 4096 * 2
 QUARTER: Final = 4
 LEAST_POINTS: Final = 2 * QUARTER ** len(STAGES)
-"""So that each stage leaves points, and a batch of one scan has something to be normalised by."""
+"""Least number of points, so that each stage has points left, and batch normalisation works with one scan."""
 
 
 class PocoScan(NamedTuple):
     """points: (N, 3) float32, metres; features: (N, 4) float32, x y z and intensity / 255; labels: (N,) int64, 0 low,
-    1 high, 2 ground; nearest: (R,) intp, for each of the frame's returns the chosen one that it goes by."""
+    1 high, 2 ground; nearest: (R,) intp, for each of the frame's returns the nearest used one."""
 
     points: npt.NDArray[np.float32]
     features: npt.NDArray[np.float32]
@@ -36,7 +36,7 @@ class PocoScan(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The arguments of PocoNet beside the features, a tensor a stage each."""
+    """The arguments of PocoNet besides the features, one tensor for each stage."""
 
     points: list[Tensor]
     near: list[Tensor]
@@ -62,7 +62,7 @@ def poco_scan(frame: Frame, truth: Labels | None, count: int, rng: np.random.Gen
 
 
 def levels_of(scans: Sequence[PocoScan], rng: np.random.Generator, device: torch.device) -> Levels:
-    """One draw of the random sampling for a batch of scans of as many points each."""
+    """One random sampling for a batch of scans with equal numbers of points."""
     stacked: list[list[tuple[npt.NDArray[Any], ...]]] = [[] for _ in STAGES]
     for scan in scans:
         points = scan.points
@@ -80,7 +80,7 @@ def levels_of(scans: Sequence[PocoScan], rng: np.random.Generator, device: torch
 
 
 def _nearest(among: npt.NDArray[Any], points: npt.NDArray[Any], count: int) -> npt.NDArray[np.intp]:
-    """(M, min(count, N)) places of the nearest `among` (N, 3) of each of the points (M, 3)."""
+    """(M, min(count, N)) indices of the nearest points in `among` (N, 3), for each of `points` (M, 3)."""
     import small_gicp
 
     tree = small_gicp.KdTree(np.ascontiguousarray(among, np.float64))

@@ -1,4 +1,4 @@
-"""Annotated frames as images to train ScoreNet on, and crops of them."""
+"""Annotated frames as training images for ScoreNet, and crops of them."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from lidarcodec.training.annotation_folder import AnnotationFolder, Labels
 from lidarcodec.training.labels import GROUND
 
 SELDOM_COUNT: Final = 3
-"""Counts up to this are seldom: things that move, and what came into sight at the end of the drive."""
+"""A place with at most this count is rarely seen: moving objects, and places that appeared at the end of the drive."""
 SELDOM_M: Final = 40.0
-"""Further away any count is low."""
+"""Beyond this distance all counts are low."""
 IGNORED: Final = -1
 
 
 class Example(NamedTuple):
-    """Of a frame's image: features (6, 64, C) float16; label (64, C) int8: 0 low, 1 high, 2 ground; rank (64, C)
-    float16: of the count among what is not ground, 0 to 1; seldom (64, C) int8. -1 where nothing is asked."""
+    """A training image: features (6, 64, C) float16; label (64, C) int8: 0 low, 1 high, 2 ground; rank (64, C) float16:
+    rank of the count among returns that are not ground, 0 to 1; seldom (64, C) int8. -1: no target."""
 
     features: npt.NDArray[Any]
     label: npt.NDArray[Any]
@@ -38,22 +38,22 @@ def labelled(paths: Sequence[Path], every: int = 1) -> Iterator[tuple[Frame, Lab
         folder = AnnotationFolder(path)
         sensor, numbers = folder.sensor, folder.labelled()
         if not numbers:
-            raise SourceError(f"{path} holds no labels: run `lidarcodec annotate` to its end")
+            raise SourceError(f"{path} has no labels: run `lidarcodec annotate` to its end")
         for k in numbers[::every]:
             frame, found = folder.frame(k, sensor), folder.labels(k)
             if found.labels.shape != frame.range.shape:
-                raise SourceError(f"{path}/labels/{k:06d}.npz holds labels of another frame")
+                raise SourceError(f"{path}/labels/{k:06d}.npz has labels of another frame")
             yield frame, found
 
 
 def seldom_of(counts: npt.NDArray[Any], labels: npt.NDArray[Any], metres: npt.NDArray[Any]) -> npt.NDArray[np.int8]:
-    """(N,) int8, 1 for returns seen seldom, 0 for others, -1 for those of which it cannot be said; all (N,)."""
+    """(N,) int8, 1 for rarely seen returns, 0 for others, -1 if unknown. counts, labels, metres: (N,)"""
     judged = (labels != GROUND) & (metres < SELDOM_M)
     return np.where(judged, counts <= SELDOM_COUNT, IGNORED).astype(np.int8)
 
 
 def example_of(frame: Frame, found: Labels, rng: np.random.Generator) -> Example:
-    """A frame as an image; equal counts get ranks at random."""
+    """A frame as an image; equal counts get random ranks."""
     image = score_image(frame)
     places = np.flatnonzero(frame.valid)
     labels, counts = found.labels.ravel()[places], found.counts.ravel()[places]
@@ -75,13 +75,13 @@ def example_of(frame: Frame, found: Labels, rng: np.random.Generator) -> Example
 
 
 def crop(example: Example, width: int, rng: np.random.Generator) -> Example:
-    """A piece of `width` columns, mirrored half of the time, as another sensor's amplifier might have seen it."""
+    """A crop of `width` columns, mirrored with probability 1/2, with a random change of the intensity's scale."""
     columns = (int(rng.integers(example.label.shape[1])) + np.arange(width)) % example.label.shape[1]
     mirrored = rng.random() < 0.5
     if mirrored:
         columns = columns[::-1]
     features = example.features[:, :, columns].astype(np.float32)
-    if mirrored:  # the step to the next column is now that to the one before, the other way
+    if mirrored:  # the step to the next column becomes the negative step to the previous one
         features[4] = -np.roll(features[4], -1, axis=1)
     bright = 0.0 if rng.random() < 0.2 else float(np.exp(rng.normal(0.0, 0.4)))
     features[2] = np.minimum(features[2] * bright, 1.0)

@@ -1,8 +1,8 @@
-"""How well scores and classes agree with labels: the figures of the tables in docs/reduction.md.
+"""Agreement of scores and classes with labels: the values in the tables of docs/reduction.md.
 
-    precision at the true share   of as many returns as are high, those scored highest: how many are high
-    chance                        the same of a guess that knows the ground
-    IoU                           of each class; accuracy: over all returns
+precision at the true share   share of high returns among the n returns with the highest scores; n returns are high
+chance                        the same for random scores of returns that are not ground
+IoU                           for each class; accuracy: over all returns
 
 >>> report = Agreement()
 >>> report.add(np.array([0.9, 0.8, 0.1, 0.2]), np.array([2, 1, 1, 3]), np.array([2, 1, 2, 3]))
@@ -25,7 +25,7 @@ CLASSES: Final = (LOW, HIGH, GROUND)
 
 @dataclass
 class Agreement:
-    """Adds up frames; precision is the mean over frames, the rest over all returns."""
+    """Results over frames. Precision is a mean over frames, all else is over all returns."""
 
     precisions: list[float] = field(default_factory=list)
     chances: list[float] = field(default_factory=list)
@@ -37,8 +37,8 @@ class Agreement:
         self, high: npt.NDArray[Any], found: npt.NDArray[Any], labels: npt.NDArray[Any],
         counts: npt.NDArray[Any] | None = None, rank: npt.NDArray[Any] | None = None,
     ) -> None:  # fmt: skip
-        """A frame's returns, (N,) each: scores for being high, predicted labels, labels; with counts also the rank
-        correlation (Spearman) of `rank` with them, over returns that are not ground."""
+        """Add a frame's returns, (N,) each: scores for high, predicted labels, true labels. With counts also the rank
+        correlation (Spearman) of `rank` and counts, over returns that are not ground."""
         self.confusion += np.bincount(labels.astype(np.int64) * 4 + found, minlength=16).reshape(4, 4)
         true, beside = labels == HIGH, labels != GROUND
         wanted = int(true.sum())
@@ -49,12 +49,14 @@ class Agreement:
             self.ranks.append(_spearman(counts[beside], rank[beside]))
 
     def add_seldom(self, seldom: npt.NDArray[Any], truth: npt.NDArray[np.bool_]) -> None:
-        """Scores for being seen seldom, and whether they were, of the returns that can be judged."""
+        """Add scores for rarely seen returns, and whether they were rarely seen, for returns where this is known."""
         if 0 < truth.sum() < len(truth):
             self.seldom.append((float(truth[_highest(seldom, int(truth.sum()))].mean()), float(truth.mean())))
 
     def result(self) -> dict[str, Any]:
-        """`frames precision chance iou{} accuracy rank_correlation seldom_precision seldom_chance`; None: no frame."""
+        """`frames precision chance iou{} accuracy rank_correlation seldom_precision seldom_chance`; None without
+        frames.
+        """
         total = max(int(self.confusion.sum()), 1)
         iou = {}
         for label in CLASSES:
@@ -89,7 +91,7 @@ def _spearman(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> float:
 
 
 def _ranks(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Places in order, equal values sharing the mean of theirs."""
+    """Ranks; equal values have the mean of their ranks."""
     _, place, many = np.unique(values, return_inverse=True, return_counts=True)
     ends = np.cumsum(many)
     ranks: npt.NDArray[np.float64] = (ends - (many - 1) / 2)[place].astype(np.float64)

@@ -1,8 +1,9 @@
-"""Training of PocoNet on annotated drives, as the paper has it: two legs with shared weights, Adam, 5 % less an epoch.
+"""Training of PocoNet on annotated drives as in the paper: a siamese pair with shared weights, Adam, 5 % decay an
+epoch.
 
-A step takes the scans that its number says, and two draws of the random sampling of each. The label loss is that of the
-first leg (equation 6: cross entropy of three classes, by the backbone's weights for their shares), beside it the
-distance of the codewords of both (equation 7: a scan means the same however it was sampled).
+Each step uses the scans for its number, and two random samplings of each scan. The loss is the label loss of the first
+branch (equation 6: weighted cross entropy of three classes), plus the distance of both codewords (equation 7: the
+codeword should not depend on the sampling).
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ LOW, HIGH, GROUND = range(CLASSES)
 
 @dataclass(frozen=True)
 class PocoRun:
-    """How PocoNet is trained.
+    """Training options of PocoNet.
 
-    points: of a scan; None: 4096 * 30 on a GPU, 8192 without;  decay: of the rate, an epoch
-    codeword_weight: lambda of equation 7, which is not printed
+    points: points of a scan; None: 4096 * 30 on a GPU, otherwise 8192;  decay: of the learning rate in an epoch
+    codeword_weight: lambda of equation 7; the paper does not give it
     """
 
     seed: int = 1
@@ -61,7 +62,7 @@ class PocoRun:
             raise SettingsError(f"epochs and batch are at least 1, points at least {LEAST_POINTS}")
 
     def on(self, device: torch.device) -> dict[str, Any]:
-        """The settings of the run, with the points that this device gets."""
+        """The settings of the run, with the number of points for this device."""
         points = self.points or (PAPER_POINTS if device.type == "cuda" else CPU_POINTS)
         return asdict(self) | {"points": points}
 
@@ -71,10 +72,10 @@ def train_poconet(
     tick: Callable[[int, float, float], None] = lambda step, loss, codewords: None,
     every: int = 1, seconds: float | None = None,
 ) -> PocoNet:  # fmt: skip
-    """The trained network; `out` keeps the checkpoint, from which it goes on.
+    """Train the network. out: file of the checkpoint; an existing one is continued
 
-    tick(step, label loss, codeword loss) after each step;  every: frames from one to the next
-    seconds: stop (with a checkpoint) after so long;  Raises SettingsError, SourceError.
+    tick(step, label loss, codeword loss): called after each step;  every: use every so many labelled frames
+    seconds: stop with a checkpoint after this time;  Raises SettingsError, SourceError.
     """
     target = choose_device(device)
     settings = run.on(target)
@@ -124,7 +125,7 @@ def train_poconet(
 
 
 def class_weights(frames: Sequence[tuple[Frame, Labels]]) -> Tensor:
-    """(3,) 1 / (share + 0.02) of low, high and ground, as the backbone weighs its classes."""
+    """(3,) 1 / (share + 0.02) for low, high and ground: the class weights of RandLA-Net."""
     counts = sum((np.bincount(truth.labels.ravel(), minlength=4)[1:] for _, truth in frames), np.zeros(CLASSES))
     return torch.tensor(1 / (counts / max(counts.sum(), 1) + 0.02), dtype=torch.float32)
 
@@ -133,9 +134,9 @@ def _losses(
     net: PocoNet, frames: Sequence[tuple[Frame, Labels]], points: int, rng: np.random.Generator, weights: Tensor,
     seed: int, step: int,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Equation 6 of the first leg, and the mean square between the codewords of both."""
+    """Equation 6 for the first branch, and the mean squared difference of both codewords."""
     scans = [scan for frame, truth in frames if (scan := poco_scan(frame, truth, points, rng)) is not None]
-    seed_torch(seed, step)  # of the dropout
+    seed_torch(seed, step)  # for the dropout
     logits, first = _applied(net, scans, rng, weights.device)
     second = _applied(net, scans, rng, weights.device)[1]
     labels = torch.from_numpy(np.stack([scan.labels for scan in scans])).to(weights.device)
@@ -152,7 +153,7 @@ def _applied(
 
 
 def poconet_logits(net: PocoNet, frame: Frame, points: int, rng: np.random.Generator) -> Any:
-    """(3, N) float32 of the frame's returns in the order of its cloud: low, high, ground; one leg."""
+    """(3, N) float32 logits low, high, ground of the frame's returns in the order of its cloud, from one branch."""
     scan = poco_scan(frame, None, points, rng)
     if scan is None:
         return np.empty((CLASSES, 0), np.float32)
@@ -162,7 +163,7 @@ def poconet_logits(net: PocoNet, frame: Frame, points: int, rng: np.random.Gener
 
 
 def measure_poconet(net: PocoNet, drives: Sequence[Path], points: int, every: int = 1, seed: int = 1) -> dict[str, Any]:
-    """What `Agreement` says of a network on annotated drives. Raises SourceError."""
+    """Results of `Agreement` for a network on annotated drives. Raises SourceError."""
     found = Agreement()
     for k, (frame, truth) in enumerate(labelled(drives, every)):
         logits = poconet_logits(net, frame, points, np.random.default_rng([seed, k]))

@@ -1,6 +1,6 @@
-"""Training of ScoreNet on annotated drives: what is high, low and ground, the rank of the counts, and what is seldom.
+"""Training of ScoreNet on annotated drives: classes high, low and ground, rank of the counts, rarely seen returns.
 
-A step draws its crops by its number (`runs.step_rng`), so a run that was stopped goes on as if it had not been.
+The random crops of a step depend on its number (`runs.step_rng`), so a resumed run equals an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SAVE_SECONDS: Final = 60.0
 
 @dataclass(frozen=True)
 class ScoreRun:
-    """How ScoreNet is trained. batch: crops a step;  width: their columns, a multiple of 16;  rate: the highest."""
+    """Training options of ScoreNet. batch: crops in a step;  width: columns of a crop, a multiple of 16;  rate: peak"""
 
     seed: int = 1
     steps: int = 3000
@@ -67,9 +67,10 @@ def train_scores(
     examples: Sequence[Example], out: Path, run: ScoreRun, device: str = "auto",
     tick: Callable[[int, float], None] = lambda step, loss: None, seconds: float | None = None,
 ) -> ScoreNet:  # fmt: skip
-    """The trained network; `out` keeps the checkpoint, from which it goes on. tick(step, loss) after each step.
+    """Train the network. out: file of the checkpoint; an existing one is continued. tick(step, loss): called after
+    each step
 
-    seconds: stop (with a checkpoint) after so long;  Raises SettingsError, SourceError.
+    seconds: stop with a checkpoint after this time;  Raises SettingsError, SourceError.
     """
     target = choose_device(device)
     seed_torch(run.seed)
@@ -131,7 +132,7 @@ def _loss(net: ScoreNet, batch: Sequence[Tensor], run: ScoreRun) -> Tensor:
 
 
 def measure_scores(net: ScoreNet, drives: Sequence[Path], every: int = 1) -> dict[str, Any]:
-    """What `Agreement` says of a network on annotated drives. Raises SourceError."""
+    """Results of `Agreement` for a network on annotated drives. Raises SourceError."""
     device = next(net.parameters()).device
     found = Agreement()
     for frame, truth in labelled(drives, every):

@@ -1,1 +1,1 @@
-"""Networks as the papers have them. Each file is one; what trains and what uses them lies beside this package."""
+"""Network definitions, one in each file. The code for training and use is outside this package."""

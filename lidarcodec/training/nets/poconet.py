@@ -1,13 +1,13 @@
-"""PocoNet: classes of the points of a scan by RandLA-Net with global feature attention, trained as a siamese pair.
+"""PocoNet: classifies the points of a scan by RandLA-Net with global feature attention, trained as a siamese pair.
 
     fc 4 -> 8
-    4 stages: local spatial encoding and attentive pooling, twice, beside a short way; a random quarter of the points
-              goes on, each with the largest features of its 12 neighbours     8 -> 32 -> 128 -> 256 -> 512
-    global feature attention (equations 4 and 5): every point looks at every other; a codeword of 1024 for the scan
-    the codeword beside each point's features, 512; 4 stages back, each taking over the nearest point's; head of 3
+    4 stages: local spatial encoding and attentive pooling, twice, with a shortcut; a random quarter of the points is
+              kept, each with the largest features of its 12 neighbours     8 -> 32 -> 128 -> 256 -> 512
+    global feature attention (equations 4 and 5): every point attends to every other; a codeword of 1024 for the scan
+    the codeword joined to each point's 512 features; 4 stages of upsampling from the nearest point; head of 3
 
-What the paper leaves open is settled as in docs/reduction.md: the stages are those of RandLA-Net on SemanticKITTI, f
-and g of the attention are an eighth as wide as h. Points come with their neighbours and samples (`poco_data.Levels`).
+docs/reduction.md describes our choices for details that the paper does not give: the stages are those of RandLA-Net on
+SemanticKITTI, and f and g of the attention are an eighth as wide as h. `poco_data.Levels` has neighbours and samples.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _shared(channels: int, out: int, *, flat: bool = False) -> nn.Sequential:
 
 
 class AttentivePooling(nn.Module):
-    """Sums up the features of a point's neighbours, each weighted by a score that is learned, then a shared network."""
+    """Weighted sum of the features of a point's neighbours with learned scores, then a shared network."""
 
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()
@@ -48,14 +48,14 @@ class AttentivePooling(nn.Module):
         self.after = _shared(channels, out, flat=True)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(B, out, N) of (B, channels, N, K)."""
+        """(B, out, N) from (B, channels, N, K)."""
         weights = torch.softmax(self.scores(features), dim=3)
         pooled: Tensor = self.after((features * weights).sum(dim=3))
         return pooled
 
 
 class LocalAggregation(nn.Module):
-    """Local spatial encoding and attentive pooling, twice, beside a short way: (B, 2 out, N)."""
+    """Local spatial encoding and attentive pooling, twice, with a shortcut: (B, 2 out, N)."""
 
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class LocalAggregation(nn.Module):
         self.bend = nn.LeakyReLU(_SLOPE)
 
     def forward(self, features: Tensor, points: Tensor, near: Tensor) -> Tensor:
-        """features: (B, channels, N), points: (B, 3, N), near: (B, N, K) places of each point's neighbours."""
+        """features: (B, channels, N), points: (B, 3, N), near: (B, N, K) indices of each point's neighbours."""
         there = gathered(points, near)
         here = points.unsqueeze(3).expand_as(there)
         apart = here - there
@@ -82,9 +82,9 @@ class LocalAggregation(nn.Module):
 
 
 class GlobalFeatureAttention(nn.Module):
-    """A codeword (B, 1024) of a scan's features (B, channels, N): equations 4 and 5.
+    """A codeword (B, 1024) from a scan's features (B, channels, N): equations 4 and 5.
 
-    beta_ij = softmax over i of f(x_i) . g(x_j);  r_j = sum_i beta_ij h(x_i);  o = x beside r, a shared network, max
+    beta_ij = softmax over i of f(x_i) . g(x_j);  r_j = sum_i beta_ij h(x_i);  o = max of a shared network on [x, r]
     """
 
     def __init__(self, channels: int, codeword: int = CODEWORD) -> None:
@@ -94,7 +94,7 @@ class GlobalFeatureAttention(nn.Module):
         self.after = _shared(2 * channels, codeword, flat=True)
 
     def attention(self, features: Tensor) -> Tensor:
-        """(B, N, N) beta, whose columns j add up to 1 over i."""
+        """(B, N, N) beta; each column j sums to 1 over i."""
         return torch.softmax(torch.bmm(self.f(features).transpose(1, 2), self.g(features)), dim=1)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -118,7 +118,7 @@ class PocoNet(nn.Module):
             widths.append(channels)
         self.attention = GlobalFeatureAttention(channels)
         self.bottom = _shared(channels + CODEWORD, channels, flat=True)
-        skips = [widths[0], *widths[:-1]]  # what each stage was given; the first stage's own for the last way back
+        skips = [widths[0], *widths[:-1]]  # inputs of the stages; the first stage's output for the last upsampling
         self.back = nn.ModuleList()
         for skip in reversed(skips):
             self.back.append(_shared(channels + skip, skip, flat=True))
@@ -130,8 +130,8 @@ class PocoNet(nn.Module):
     def forward(
         self, features: Tensor, points: list[Tensor], near: list[Tensor], kept: list[Tensor], up: list[Tensor]
     ) -> tuple[Tensor, Tensor]:
-        """features: (B, 4, N): x y z intensity. Of each of the four stages: points (B, 3, N_s), near (B, N_s, 12), kept
-        (B, N_s+1): places of those that go on, up (B, N_s): the nearest of these to each."""
+        """features: (B, 4, N): x y z intensity. For each of the four stages: points (B, 3, N_s), near (B, N_s, 12),
+        kept (B, N_s+1): indices of the kept points, up (B, N_s): for each point the nearest kept one."""
         found = self.first(features)
         skips = []
         for stage, (layer, at, around, going) in enumerate(zip(self.stages, points, near, kept, strict=True)):

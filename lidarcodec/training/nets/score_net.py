@@ -1,8 +1,9 @@
-"""ScoreNet: a range image to scores, small enough for a vehicle: 0.1 M parameters, 0.2 G multiplications a turn.
+"""ScoreNet: scores from a range image, small enough for a vehicle: 0.1 M parameters, 0.2 G multiplications a turn.
 
-A U-Net of depthwise 3 x 5 and pointwise convolutions. It takes patches of 2 x 4 pixels at once, so that nothing runs at
-the full width, and gives the scores of a patch's pixels as channels; a pixel's own numbers reach the head beside what
-is around it. Five values a pixel: low, high, ground (logits), rank of the count (a logit), seen seldom (a logit).
+A U-Net of depthwise 3 x 5 and pointwise convolutions. Its first layer takes patches of 2 x 4 pixels, so no layer runs
+at the full width, and the output has the scores of a patch's pixels as channels. A shortcut passes the pixels
+themselves to the head. Five values for each pixel: low, high, ground (logits), rank of the count (a logit), rarely
+seen (a logit).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ WIDTHS: Final = (32, 64, 104)
 
 
 class _Block(nn.Module):
-    """Depthwise, pointwise, twice, beside a short way."""
+    """Depthwise and pointwise convolution, twice, with a shortcut."""
 
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()
@@ -28,7 +29,7 @@ class _Block(nn.Module):
         self.short = nn.Identity() if channels == out else nn.Conv2d(channels, out, 1, bias=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, out, H, W) of (B, channels, H, W)."""
+        """(B, out, H, W) from (B, channels, H, W)."""
         found: Tensor = self.body(x) + self.short(x)
         return found
 
@@ -43,7 +44,7 @@ def _separable(channels: int, out: int) -> list[nn.Module]:
 
 
 class ScoreNet(nn.Module):
-    """(B, 5 * 8, 32, C / 4) values of the pixels of each patch from features (B, 6, 64, C), C a multiple of 16."""
+    """(B, 5 * 8, 32, C / 4) values for the pixels of each patch, from features (B, 6, 64, C); C is a multiple of 16."""
 
     def __init__(self, widths: tuple[int, int, int] = WIDTHS) -> None:
         super().__init__()
@@ -61,7 +62,7 @@ class ScoreNet(nn.Module):
         self.wider = nn.Upsample(scale_factor=2, mode="nearest")
 
     def forward(self, features: Tensor) -> Tensor:
-        """The values, patch by patch; `unpatched` of lidarcodec.reduction.score_image puts them in place."""
+        """The values, patch by patch; `unpatched` of lidarcodec.reduction.score_image makes them an image."""
         own = self.own(features)
         one = self.down1(self.patches(features))
         two = self.down2(self.pool(one))
@@ -73,7 +74,7 @@ class ScoreNet(nn.Module):
 
 
 def in_place(values: Tensor) -> Tensor:
-    """(B, 5, 64, C) of the network's (B, 5 * 8, 32, C / 4)."""
+    """(B, 5, 64, C) from the network's (B, 5 * 8, 32, C / 4)."""
     rows, columns = PATCH
     batch, _, height, width = values.shape
     placed = values.reshape(batch, VALUES, rows, columns, height, width).permute(0, 1, 4, 2, 5, 3)

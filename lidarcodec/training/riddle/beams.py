@@ -1,10 +1,9 @@
-"""Simulated drives as a real sensor would report them: beams between the positions that packets name.
+"""Makes simulated drives like those of a real sensor, with beams between the reported azimuths.
 
-A sensor fires every 48 us and turns evenly, but tells where it was in steps of 0.09 degree. The simulator looks exactly
-where its packets say, so its ranges jump with the steps on every slanting wall: on KITTI the range grows by as much
-from column to column after a step of 9 as after one of 18 (1.00), in the simulator by half (0.54). A network would
-learn to lean on what no sensor does. Here each range is moved along the surface that it lies on, by the angle from
-where the packet says to where an evenly turning beam looks (ratio 0.98).
+A sensor fires every 48 us and turns evenly, but reports its azimuth in steps of 0.09 degree. The simulator measures
+exactly at the reported azimuth. So on a slanting wall its ranges grow twice as much after a step of 0.18 degree as
+after one of 0.09 degree; those of a real sensor grow equally. A network would learn to rely on this artefact. So each
+range is moved along its surface, by the angle from the reported azimuth to that of an evenly turning beam.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ from lidarcodec.sources.simulator import MAX_TRUTH, PACKET_NS, SimulatorSource
 from lidarcodec.units import AZIMUTH_TURN, FIRINGS_PER_PACKET, FRAME_PACKETS, RANGE_STEP_M
 
 WINDOW: Final = 60
-"""Firings to each side over which the sensor is taken to turn evenly."""
+"""Number of firings to each side over which the sensor is assumed to turn evenly."""
 MOST_FRAMES: Final = MAX_TRUTH // FRAME_PACKETS
 _BENT: Final = 0.15
-"""A surface is one where the range grows alike to both sides, within this share of what it grows by."""
+"""On a surface the range grows equally to both sides, within this share of its growth."""
 _LEAST_M: Final = 0.0003
 _MOST_STEPS: Final = 200.0
 
@@ -34,17 +33,17 @@ Floats = npt.NDArray[np.float64]
 
 
 def even_frames(source: SimulatorSource, framing: str, frames: int) -> Iterator[Frame]:
-    """Frames of a simulated drive, of its first 348 times `frames` packets, seen by beams that turn evenly.
+    """Frames of the first 348 times `frames` packets of a simulated drive, measured by evenly turning beams.
 
-    Raises SourceError for more than 287 frames, which are kept in memory.
+    Raises SourceError for more than 287 frames, because they are kept in memory.
     """
     if frames > MOST_FRAMES:
-        raise SourceError(f"{source.label}: {frames} frames of one simulated drive: {MOST_FRAMES} are possible")
+        raise SourceError(f"{source.label}: {frames} frames of one simulated drive: at most {MOST_FRAMES} are possible")
     payloads, distance_m, labels = source.truth(frames * FRAME_PACKETS)
     packets = (Packet(data.tobytes(), source.start_ns + number * PACKET_NS) for number, data in enumerate(payloads))
     found = list(frames_of(packets, source.sensor, framing))
     if sum(frame.width for frame in found) != len(payloads) * FIRINGS_PER_PACKET:
-        raise SourceError(f"{source.label}: columns that are no firings")
+        raise SourceError(f"{source.label}: some columns are not firings")
     turned = np.unwrap(np.concatenate([frame.azimuth[0] for frame in found]).astype(np.float64), period=AZIMUTH_TURN)
     grown = _growth(turned, distance_m.astype(np.float64), labels) * (even_turning(turned) - turned)[:, None]
     steps = np.clip(grown / RANGE_STEP_M, -_MOST_STEPS, _MOST_STEPS)[:, source.sensor.laser_of_ring].T
@@ -56,9 +55,10 @@ def even_frames(source: SimulatorSource, framing: str, frames: int) -> Iterator[
 
 
 def even_turning(turned: Floats) -> Floats:
-    """(N,) positions of a sensor that turns evenly, out of those it reported; both unwrapped, 0.01 degree.
+    """(N,) azimuths of an evenly turning sensor, from the reported ones; both unwrapped, 0.01 degree.
 
-    A mean over as many firings to each side, up to 60, which keeps straight lines; a straight line at the ends.
+    A mean over equally many firings to each side, up to 60, so straight lines stay straight; straight lines at the
+    ends.
     """
     count = len(turned)
     window = min(WINDOW, (count - 1) // 2)
@@ -75,7 +75,7 @@ def even_turning(turned: Floats) -> Floats:
 
 
 def _growth(turned: Floats, distance_m: Floats, labels: npt.NDArray[np.uint8]) -> Floats:
-    """(N, 64), metres by which ranges grow with 0.01 degree; 0 where the beams to both sides meet something else."""
+    """(N, 64), growth of ranges in metres for 0.01 degree; 0 where neighbouring beams hit another surface."""
     apart = np.diff(turned)
     apart[apart == 0] = 1.0
     growth = np.diff(distance_m, axis=0) / apart[:, None]

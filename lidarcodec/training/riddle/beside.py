@@ -1,7 +1,7 @@
-"""Samples of a drive as the codec has it: with what contexts say of each return beside a network.
+"""Samples of a drive with the predictions of the context models for each return.
 
-A network that learns alone learns much that contexts would say as well. One that goes on learning beside them spends
-its weights on the rest.
+A network that is trained alone learns much that context models also predict. If it is then trained together with
+them, it uses its weights for the rest.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from lidarcodec.ranges.quantise import as_decoded
 from lidarcodec.training.riddle.extraction import Rows, joined, rows_of
 
 _WARM: Final = 5
-"""Frames of a drive before contexts have learned what there is to learn quickly."""
+"""Number of frames in which context models adapt; these frames give no samples."""
 
 
 class BesideSamples:
     """Codes the frames of a drive in order, and keeps some returns of each.
 
-    nets: both networks that it is coded with; step: odd; rows: at most so many of each frame
+    nets: both networks of the codec; step: odd quantiser step; rows: most samples of each frame
     """
 
     def __init__(self, nets: list[Net], step: int, rows: int, rng: np.random.Generator) -> None:
@@ -40,7 +40,7 @@ class BesideSamples:
         self._seen = 0
 
     def of(self, frames: Iterable[Frame]) -> tuple[Rows, Rows]:
-        """Rows of frames that expect nothing, each coded as a key frame, and of the same frames expecting something."""
+        """Rows of the frames coded as key frames, and of the same frames coded with expected ranges."""
         found: dict[bool, list[Rows]] = {False: [], True: []}
         for frame in frames:
             motion = self._finder.next(frame, self._history).motion

@@ -1,7 +1,7 @@
-"""Drives to train on: simulated ones of many kinds, and any source, cut into clips.
+"""Drives for training: simulated drives of many kinds, and any source, divided into clips.
 
-A clip is a few frames at one distance from each other: 1 is a drive as it is, 2 and more are drives as much faster, or
-frames that were left out.
+A clip is a few frames at equal distances. Distance 1 is the drive itself; 2 and more are like a faster drive, or like a
+stream with skipped frames.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from lidarcodec.training.riddle.beams import MOST_FRAMES, even_frames
 from lidarcodec.units import FRAME_PACKETS
 
 DISTANCES: Final = (1, 1, 1, 1, 1, 1, 2, 3, 5)
-"""Frames from one of a clip to the next, as often as they stand here."""
+"""Distances of frames in a clip; a distance that occurs more often here is chosen more often."""
 CLIP_FRAMES: Final = 4
-"""Frames in a clip: two make known how the sensor moves, the others are looked at."""
+"""Frames in a clip: two determine the motion of the sensor, the others give samples."""
 DRIVE_FRAMES: Final = (CLIP_FRAMES - 1) * max(DISTANCES) + 1
 """Frames of a simulated drive: one clip at the largest distance, or several at smaller ones."""
 _SCENES: Final = (*("city",) * 10, "road", "street")
 _SPEEDS: Final = (1, 3, 5, 8, 14, 20, 28)
 _TRAFFIC: Final = (0.3, 0.7, 1, 1, 1.5, 2)
 _ANYHOW, _FOR_VEGETATION = 0.08, 6.0
-"""A drive is taken with this probability, and this much more for the share of its returns that are leaves."""
+"""Probability of using a drive, and its increase with the share of returns on leaves."""
 _OWN_SPEED: Final = 0.75
-"""Share of the drives at the speed that their scene has, stops at crossings included."""
+"""Share of drives at the usual speed of their scene, including stops at crossings."""
 
 
 def simulated_drives(count: int, seed: int) -> Iterator[str]:
-    """Names of sources: simulated drives of every scene, each through a town of its own.
+    """Names of sources: simulated drives of every scene, each through a different town.
 
-    Leaves and grass are rarer in that town than where real drives were recorded, and costly to code: drives that begin
-    among many are taken the sooner. To look at one takes a twentieth of a second.
+    Leaves and grass are rarer in these towns than on real drives, and they are expensive to code. So drives that begin
+    near many of them are preferred. Checking one takes a twentieth of a second.
     """
     rng = np.random.default_rng([seed, 0x51])
     for _ in range(count):
@@ -56,7 +56,7 @@ def _drawn(rng: np.random.Generator) -> str:
 
 
 def _vegetation(drive: str) -> float:
-    """Share of a drive's first returns that are leaves."""
+    """Share of leaves among a drive's first returns."""
     source = SimulatorSource.from_spec(drive)
     assert isinstance(source, SimulatorSource)
     labels = source.truth(FRAME_PACKETS)[2]
@@ -65,7 +65,7 @@ def _vegetation(drive: str) -> float:
 
 
 def clips(frames: Iterable[Frame], rng: np.random.Generator) -> Iterator[list[Frame]]:
-    """Clips of a drive, one behind the other; what is left at its end is one at distance 1. Holds 16 frames at most."""
+    """Successive clips of a drive. The rest at its end is a clip with distance 1. At most 16 frames are in memory."""
     wanted = int(rng.choice(DISTANCES))
     held: list[Frame] = []
     for frame in frames:
@@ -78,9 +78,9 @@ def clips(frames: Iterable[Frame], rng: np.random.Generator) -> Iterator[list[Fr
 
 
 def frames_to_learn(source: Source, framing: str, frames: int | None = None) -> Iterator[Frame]:
-    """Frames of a source; a simulated one as a real sensor would report it.
+    """Frames of a source; frames of a simulated drive are made like those of a real sensor (see `beams`).
 
-    frames: how many of it at most. Raises what the source raises, SourceError for a simulated drive of over 287 frames.
+    frames: most frames. Raises errors of the source, and SourceError for a simulated drive of over 287 frames.
     """
     if isinstance(source, SimulatorSource):
         given = [count for count in (source.frames, frames) if count is not None]

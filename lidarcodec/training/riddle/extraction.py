@@ -1,4 +1,4 @@
-"""What the native core says that a network sees of the returns of a frame."""
+"""Extracts the networks' inputs for returns of a frame, with the native core."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from lidarcodec.units import LASERS
 Rows = npt.NDArray[np.int8]
 
 SAID: Final = 7
-"""Decisions of a return: four of its leaf, and three offset bits."""
+"""Coded decisions of a return: four for its leaf, and three offset bits."""
 LABELS: Final = 4 + 2 * SAID
-"""Bytes behind the inputs in a row: the leaf, the first three offset bits, -1 for each that there is not, and of each
-decision what contexts said, int16, 0 where none were asked."""
+"""Bytes after the inputs in a row: the leaf; the first three offset bits, -1 for missing ones; and for each decision
+the prediction of the context models as int16, 0 without context models."""
 _WHOLE_SHARE: Final = 65536
 
 
 def extracted(
     frame: Frame, step: int, expected: npt.NDArray[np.uint16] | None, rows: int, rng: np.random.Generator
 ) -> Rows:
-    """Of about `rows` returns of a frame, drawn at random.
+    """Rows of about `rows` random returns of a frame.
 
-    step: odd; expected: (64, W) uint16, what to expect, 0 = nothing; None: a frame that expects nothing
-    Raises SectionError for a frame whose blocks did not fire where there are returns.
+    step: odd quantiser step; expected: (64, W) uint16 expected ranges, 0 = none; None: a key frame
+    Raises SectionError if a frame has returns in blocks that did not fire.
     """
     half, rotation = row_geometry(frame.sensor)
     turn = columns_in_turn(frame.azimuth) if frame.fired.all() else None
@@ -58,8 +58,8 @@ def rows_of(
     bits: npt.NDArray[np.uint8],
     said: npt.NDArray[np.int16],
 ) -> Rows:
-    """(n, inputs + 18) int8: inputs, leaf, three offset bits or -1, and 14 bytes of what contexts said."""
-    labels = np.concatenate([leaves.view(np.int8)[:, None], bits.view(np.int8)], axis=1)  # 255, no bit, becomes -1
+    """(n, inputs + 18) int8: inputs, leaf, three offset bits or -1, and 14 bytes of context predictions."""
+    labels = np.concatenate([leaves.view(np.int8)[:, None], bits.view(np.int8)], axis=1)  # 255 (no bit) becomes -1
     return np.concatenate([inputs, labels, said.astype("<i2").view(np.int8)], axis=1)
 
 

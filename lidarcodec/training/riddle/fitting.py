@@ -1,4 +1,5 @@
-"""Training of one network on samples: seeded, with checkpoints, resumed to the weights of a run without a break."""
+"""Trains one network on samples, with a seed and checkpoints. A resumed run gives the weights of an uninterrupted
+one."""
 
 from __future__ import annotations
 
@@ -23,22 +24,22 @@ from lidarcodec.training.riddle.tiles import Tiles
 _BETAS: Final = (0.9, 0.98)
 _MOST_NORM: Final = 1.0
 _WHOLE: Final = 5
-"""One in so many steps, the last ones, is taken with what has to fit 8 bits in them."""
+"""The last 1 / _WHOLE of the steps trains with values rounded to 8 bits."""
 _WHOLE_RATE: Final = 0.2
-"""Of the peak of the others."""
+"""Learning rate of these steps, relative to the peak of the others."""
 _SCALED_BY: Final = 8192
-"""Samples that hidden values are scaled by."""
+"""Number of samples that determine the scale of hidden values."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What a network is trained with.
+    """Training options of a network.
 
-    hidden:    widths of the two hidden layers; steps: of the optimiser; batch: samples in each; rate: its peak
-    keep:      share of the tiles of the first two layers that is left in the end, 1: all (tiles.py)
-    precision: `float32`, or `mixed`: products in bfloat16 until the last steps, twice as fast where processors have it
+    hidden:    widths of the two hidden layers; steps: optimiser steps; batch: samples in each; rate: peak learning rate
+    keep:      share of the tiles of the first two layers that is kept, 1: all (tiles.py)
+    precision: `float32`, or `mixed`: products in bfloat16 until the last steps; twice as fast if the processor has it
 
-    The last fifth of the steps goes on with hidden values and the first layer in 8 bits, at a fifth of the rate.
+    The last fifth of the steps uses hidden values and a first layer rounded to 8 bits, at a fifth of the rate.
     """
 
     expects: bool
@@ -58,7 +59,7 @@ class FitSettings:
             raise SettingsError(f"keep = {self.keep}: shares of tiles above 0, 1 at most, are possible", "keep")
         if min(self.keep) < 1 and any(width % SUMS for width in self.hidden):
             raise SettingsError(
-                f"layers of {self.hidden} hidden values have no whole tiles: take multiples of {SUMS}", "hidden"
+                f"layers of {self.hidden} hidden values cannot be divided into tiles: use multiples of {SUMS}", "hidden"
             )
         if self.precision not in ("float32", "mixed"):
             raise SettingsError(f"precision = {self.precision}: float32 or mixed are possible", "precision")
@@ -70,7 +71,7 @@ class FitSettings:
 
     @property
     def float_steps(self) -> int:
-        """Steps before anything is rounded."""
+        """Number of steps without rounding."""
         return self.steps - -(-self.steps // _WHOLE)
 
     def rate_at(self, step: int) -> float:
@@ -81,13 +82,13 @@ class FitSettings:
         return runs.rate_at(whole, self.steps - self.float_steps, peak=_WHOLE_RATE * self.rate)
 
     def stored(self) -> dict[str, runs.Value]:
-        """As a checkpoint keeps them."""
+        """The options as stored in a checkpoint."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
 class Measured:
-    """How a network stands: steps done, bits a return on the last batches, and on drives held out."""
+    """Progress of a network: steps done, bits a return on the last batches, and on held-out drives."""
 
     step: int
     trained_bits: float
@@ -110,11 +111,11 @@ def fit(
     stop_at: int | None = None,
     begin: Net | None = None,
 ) -> tuple[RiddleNet, runs.Checkpoint]:
-    """Trains a network, from its checkpoint if there is one; `stop_at` ends earlier, as an interruption would.
+    """Train a network, from its checkpoint if there is one. stop_at: stop at this step, like an interruption
 
-    samples, held: rows of bytes, mapped from files or in memory; every: steps from one measurement to the next
-    begin: a network of the same layers, whose weights are the first ones
-    Raises SettingsError or SourceError for a checkpoint of another run, or one that cannot be read or written.
+    samples, held: rows of bytes, mapped from files or in memory; every: steps between two measurements
+    begin: a network with the same layers for the initial weights
+    Raises SettingsError or SourceError for a checkpoint of another run, or if it cannot be read or written.
     """
     runs.seed_torch(settings.seed)
     net = RiddleNet(settings.expects, settings.dims, begin).to(device)
@@ -163,14 +164,14 @@ def _optimiser(net: RiddleNet, settings: FitSettings) -> torch.optim.AdamW:
 
 
 class _Draw:
-    """Batches of samples from several files, all rows equally likely."""
+    """Draws batches from several files; all rows are equally likely."""
 
     def __init__(self, samples: Sequence[Rows], batch: int) -> None:
         self._samples, self._batch = samples, batch
         self._ends = np.cumsum([len(rows) for rows in samples])
 
     def __call__(self, rng: np.random.Generator) -> Rows:
-        """(batch, row) int8; rows of a file stand together."""
+        """(batch, row) int8; rows of the same file are adjacent."""
         chosen = np.sort(rng.integers(0, self._ends[-1], self._batch))
         bounds = [0, *np.searchsorted(chosen, self._ends)]
         parts = [

@@ -1,4 +1,4 @@
-"""The network of codec `riddle` in torch, what it should say, and the same in whole numbers."""
+"""The network of codec `riddle` in torch, its loss, and its conversion to integers."""
 
 from __future__ import annotations
 
@@ -37,35 +37,35 @@ KEEP: Final = {
     "large": ((0.6, 0.6), (0.55, 0.6)),
     "largest": ((0.45, 0.4), (0.3, 0.33)),
 }
-"""Share of the tiles of the first two layers that is left of each size, alone and expecting (tiles.py)."""
+"""Share of the tiles of the first two layers that is kept, for each size, alone and expecting (tiles.py)."""
 WORST: Final = 0.003
-"""Bits a return that whole numbers may cost."""
+"""Largest loss by the conversion to integers, in bits a return."""
 _TOP: Final = MIDDLE_TOP / (1 << MIDDLE_BITS)
 _LIMIT: Final = 6.0
 _LEAST_LEFT: Final = 0.085
-"""Of one, where the coder's smallest probability lies."""
+"""The coder's smallest probability."""
 _SMOOTH: Final = 0.1
-"""Share of the loss that goes on rising where the coder's price has reached its end."""
+"""Share of the loss without the coder's limit of probabilities, so that there is always a gradient."""
 _BYTE_SHIFT: Final = 6
 _MOST_WEIGHT: Final = 127 / 2**_BYTE_SHIFT
-"""Of the first layer, whose weights have 8 bits: those of the second would cost 0.005 to 0.012 bits a return."""
+"""Largest weight of the first layer, in 8 bits. With 8 bits the second layer would cost too many bits a return."""
 _MOST_CASE: Final = 127 / 2**CASE_BITS
-"""Of biases of cases, which have 8 bits."""
+"""Largest bias of a case, in 8 bits."""
 _MOST_SECOND: Final = 7.5
-"""Of the second layer, which then keeps 12 bits behind the point."""
+"""Largest weight of the second layer, with 12 fractional bits."""
 _MOST_SCALED: Final = 16.0
 _OFTEN_REACHED: Final = 0.875
-"""Share of the largest hidden value that one value in two thousand may pass after scaling."""
+"""After scaling, one hidden value in two thousand may exceed this share of the largest possible value."""
 _CHUNK: Final = 16384
 _DEPTH: Final = 4
 _BESIDE: Final = 0.9
-"""How much of what contexts said counts."""
+"""Weight of the context predictions."""
 _SHARES: Final = (1.0, 0.5, 0.25)
-"""What the log odds of the first offset bit say of it and of the next two."""
+"""Factors from the log odds of the first offset bit to those of it and the next two."""
 
 
 def _paths() -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Of each leaf, (16, 7): the outputs that speak of it, and the sign with which each stands in the loss."""
+    """For each leaf, (16, 7): the outputs on its path, and their signs in the loss."""
     decisions = _DEPTH + len(_SHARES)
     outputs, signs = np.zeros((16, decisions), np.int64), np.zeros((16, decisions), np.float32)
     for leaf in range(16):
@@ -84,10 +84,10 @@ _OUTPUTS, _SIGNS = _paths()
 class RiddleNet(torch.nn.Module):
     """Inputs (n, 72 or 112) in units to log odds (n, 32) in natural units. Raises SectionError for other sizes.
 
-    Each row and each scale has biases of its own in the first layer, which begin with 0.
+    The first layer has separate biases for each row and each scale; they start at 0.
 
-    whole: whether hidden values and the first layer's weights are rounded to what 8 bits hold, as they will be; slopes
-    go through roundings as if there were none (Bengio 2013, arXiv:1308.3432, straight-through).
+    whole: whether hidden values and the first layer's weights are rounded to 8 bits, as in the converted network.
+    Gradients pass the rounding unchanged (straight-through estimator, Bengio 2013, arXiv:1308.3432).
     """
 
     def __init__(self, expects: bool, dims: tuple[int, ...], begin: Net | None = None) -> None:
@@ -119,16 +119,16 @@ class RiddleNet(torch.nn.Module):
         return odds
 
     def _of_cases(self, values: torch.Tensor) -> torch.Tensor:
-        """(n, hidden): what rows and scales of returns add in the first layer."""
+        """(n, hidden): biases of the first layer from the rows and scales of returns."""
         rows, scales = cases_of((values[:, :INPUTS_ALONE].float() * INPUT_UNIT).round().long())
         cases = _rounded(self.cases.clamp(-_MOST_CASE, _MOST_CASE), CASE_BITS) if self.whole else self.cases
         return torch.nn.functional.embedding(rows, cases) + torch.nn.functional.embedding(scales, cases)
 
     @torch.no_grad()
     def make_whole(self, values: torch.Tensor) -> None:
-        """Rounds from here on. Each hidden value is scaled to use its 8 bits, as far as those of its weights suffice.
+        """Round from here on. Each hidden value is scaled to use 8 bits, as far as 8 bits suffice for its weights.
 
-        values: (n, inputs) some inputs, in units
+        values: (n, inputs) example inputs, in units
         """
         first = self.layers[0]
         for layer, following in pairwise(self.layers):
@@ -148,7 +148,7 @@ class RiddleNet(torch.nn.Module):
         self.whole = True
 
     def quantised(self, size: int) -> Net:
-        """This network in whole numbers. Raises SettingsError if its weights are too large for them."""
+        """This network converted to integers. Raises SettingsError if its weights are too large."""
         made = []
         for layer in self.layers:
             weight = layer.weight.detach()
@@ -167,16 +167,16 @@ def _rounded(values: torch.Tensor, bits: int) -> torch.Tensor:
 
 
 def values_of(rows: torch.Tensor, dtype: torch.dtype = torch.float32) -> torch.Tensor:
-    """Inputs of samples, (n, inputs), in units."""
+    """(n, inputs), the inputs of samples in units."""
     return rows[:, :-LABELS].to(dtype) * (1 / INPUT_UNIT)
 
 
 class RiddleLoss:
-    """Natural units that samples cost under log odds and what contexts said: of the leaf's four bits, and of the first
-    three offset bits.
+    """Cost of samples in nats, from log odds and context predictions: the leaf's four bits and the first three offset
+    bits.
 
-    As the coder has it, with probabilities that are no smaller than its own, and a little of what they would cost
-    without that end (`smooth`), so that there is a slope everywhere.
+    Probabilities are limited as in the coder. A small part (`smooth`) of the loss has no limit, so that there is
+    always a gradient.
     """
 
     def __init__(self, device: torch.device, smooth: float = _SMOOTH) -> None:
@@ -186,7 +186,7 @@ class RiddleLoss:
         self._smooth = smooth
 
     def __call__(self, odds: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
-        """(n,) cost of each. odds: (n, 32) float32; rows: (n, inputs + 18) int8."""
+        """(n,) cost of each sample. odds: (n, 32) float32; rows: (n, inputs + 18) int8"""
         leaf, bits = rows[:, -LABELS].long(), rows[:, 1 - LABELS : -2 * SAID]
         said = rows[:, -2 * SAID :].contiguous().view(torch.int16) * (_BESIDE / OUTPUT_UNIT)
         wrong = (odds.gather(1, self._outputs[leaf]) * self._shares + said) * self._with_bits(leaf, bits)
@@ -203,7 +203,7 @@ class RiddleLoss:
 
 
 def mean_bits(net: RiddleNet, parts: Iterable[Rows]) -> float:
-    """Bits a return that samples cost under the network, its outputs limited as they are in whole numbers."""
+    """Mean bits a return of samples, with the outputs limited as in the integer network."""
     device = next(net.parameters()).device
     loss, cost, count = RiddleLoss(device, smooth=0.0), 0.0, 0
     with torch.no_grad():
@@ -216,7 +216,7 @@ def mean_bits(net: RiddleNet, parts: Iterable[Rows]) -> float:
 
 
 def mean_bits_whole(net: Net, parts: Iterable[Rows]) -> float:
-    """The same of a network in whole numbers, by the reference."""
+    """The same for an integer network, by the reference implementation."""
     loss, cost, count = RiddleLoss(torch.device("cpu"), smooth=0.0), 0.0, 0
     for part in parts:
         for first in range(0, len(part), _CHUNK):
@@ -228,12 +228,12 @@ def mean_bits_whole(net: Net, parts: Iterable[Rows]) -> float:
 
 
 def exported(net: RiddleNet, size: int, parts: list[Rows]) -> tuple[Net, float]:
-    """The network in whole numbers, and what it costs on samples, bits a return.
+    """The network converted to integers, and its mean bits a return on samples.
 
-    Raises SettingsError if that is more than 0.003 bits away from what the network in floats costs.
+    Raises SettingsError if that differs by more than 0.003 bits from the network in floats.
     """
     whole = net.quantised(size)
     exact, found = mean_bits(net, parts), mean_bits_whole(whole, parts)
     if not abs(found - exact) <= WORST:
-        raise SettingsError(f"in whole numbers a network takes {found:.4f} bits a return, in floats {exact:.4f}")
+        raise SettingsError(f"the integer network needs {found:.4f} bits a return, but the float network {exact:.4f}")
     return whole, found

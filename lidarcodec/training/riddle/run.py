@@ -1,6 +1,6 @@
-"""A whole training run: samples, a network of each kind and size, and the weight file.
+"""A complete training run: samples, a network of each kind and size, and the weight file.
 
-The run lives in a folder beside the file: samples and checkpoints. The same command goes on where it was stopped.
+A folder next to the file has samples and checkpoints. The same command continues a stopped run.
 """
 
 from __future__ import annotations
@@ -24,25 +24,24 @@ from lidarcodec.training.riddle.tiles import share_left
 
 KINDS: Final = ("alone", "expecting")
 HELD_ROWS: Final = 400_000
-"""Samples of drives held out that are looked at, of each kind."""
+"""Number of samples of held-out drives for measurements, for each kind."""
 _SIMULATED_HELD: Final = 8
-"""One in so many simulated drives is held out."""
+"""One of so many simulated drives is held out."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class RiddleRun:
-    """What a run is asked for.
+    """Options of a run.
 
-    sources: drives to learn from; scans: single scans, from which only networks alone learn; simulated: so many
-             simulated drives on top; held: drives to measure on, and one in eight of the simulated
-    begin:   a weight file whose networks of the same layers are where training begins; `package`: the package's own
-    beside:  whether sources are coded as streams, too, with the networks it begins with, for samples with what contexts
-             say beside them
-    tiles:   share of the tiles of weights that large and largest networks keep; None: as the package's do
-    sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
-    about:   what is written into the file: licence, date, anything that JSON holds
+    sources: drives to train on; scans: single scans, only for networks of kind alone; simulated: number of additional
+             simulated drives; held: held-out drives for measurements, plus one in eight simulated drives
+    begin:   a weight file with initial weights for networks with the same layers; `package`: weights of the package
+    beside:  whether to also code sources as streams with the initial networks, for samples with context predictions
+    tiles:   share of the weight tiles that large and largest networks keep; None: as in the package
+    sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: options of samples
+    about:   notes in the file: licence, date, any JSON value
     """
 
     sources: tuple[str, ...] = ()
@@ -70,18 +69,18 @@ class RiddleRun:
         if self.tiles is not None and not 0 < self.tiles <= 1:
             raise SettingsError(f"tiles = {self.tiles}: shares above 0, 1 at most, are possible", "tiles")
         if self.beside and self.begin is None:
-            raise SettingsError("contexts stand beside networks: name those to begin with", "begin")
+            raise SettingsError("--beside needs networks to begin with: give --begin", "begin")
         if self.beside and not self.sources and not self.simulated:
-            raise SettingsError("contexts learn from drives, and single scans are none: give a source", "beside")
+            raise SettingsError("--beside needs drives, not single scans: give a source", "beside")
         if not self.sources and not self.scans and not self.simulated:
             raise SettingsError("nothing to train on: give sources, or --simulated N")
         if not self.held and self.simulated < _SIMULATED_HELD:
-            raise SettingsError("nothing to measure on: name a drive that is held out with --holdout", "holdout")
-        for size in self.sizes:  # before anything is gathered, which takes hours
+            raise SettingsError("nothing to measure on: give a held-out drive with --holdout", "holdout")
+        for size in self.sizes:  # before samples are gathered, which takes hours
             self.fit_of(size, self.kinds[0])
 
     def fit_of(self, size: str, kind: str) -> FitSettings:
-        """What a network is trained with; small ones have no tiles to spare."""
+        """Training options of a network. Small networks keep all tiles."""
         expects = kind == "expecting"
         kept = KEEP[size][expects] if self.tiles is None or size == "small" else (self.tiles, self.tiles)
         return FitSettings(
@@ -89,22 +88,22 @@ class RiddleRun:
         )
 
     def drives(self) -> tuple[list[str], list[str]]:
-        """Drives to learn from, and to measure on."""
+        """Drives for training, and drives for measurements."""
         made = list(simulated_drives(self.simulated, self.gathering.seed))
         out = made[::_SIMULATED_HELD] if self.simulated >= _SIMULATED_HELD else []
         return [*self.sources, *(drive for drive in made if drive not in out)], [*self.held, *out]
 
 
 def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, every: int = 500) -> Weights:
-    """Trains what is asked for and writes the weights to `out`; samples and checkpoints are in the folder OUT.run.
+    """Train the networks and write the weights to `out`. Samples and checkpoints are in the folder OUT.run.
 
-    Raises SettingsError, SourceError, or what a source raises.
+    Raises SettingsError, SourceError, or errors of a source.
     """
     chosen, folder = runs.choose_device(device), out.with_name(f"{out.name}.run")
     training, held = run.drives()
     begun = None if run.begin is None else _begun_with(run.begin)
     if begun is not None and run.beside and len({net.expects for net in begun.nets}) < len(KINDS):
-        raise SettingsError(f"{run.begin} has networks of one kind only, and drives are coded with both", "begin")
+        raise SettingsError(f"{run.begin} has networks of only one kind, but coding drives needs both", "begin")
     beside, name = begun if run.beside else None, "" if begun is None else begun.name
     learned = SampleStore(folder, "training", run.gathering, training, run.scans, beside, name)
     measured = SampleStore(folder, "held-out", run.gathering, held, ())
@@ -133,7 +132,7 @@ def _watcher(name: str, say: Say) -> Callable[[Measured], None]:
     def watch(at: Measured) -> None:
         say(
             f"{name}: step {at.step}, {at.trained_bits:.4f} bits a return, "
-            f"{at.held_bits:.4f} on drives held out, {at.seconds:.0f} s"
+            f"{at.held_bits:.4f} on held-out drives, {at.seconds:.0f} s"
         )
 
     return watch
@@ -179,13 +178,13 @@ def _begun_with(begin: str) -> Weights:
 
 
 def _provenance_of(begin: str) -> dict[str, Any]:
-    """Where weights come from is also where those come from that went on from them."""
+    """Provenance of the initial weights, which is also provenance of the new weights."""
     before = _begun_with(begin)
     return {"weights": before.name, **before.provenance}
 
 
 def _name(spec: str) -> str:
-    """A source without its folder, which may be private."""
+    """A source without its folder, because folder names may be private."""
     return spec if spec.startswith("sim:") else Path(spec).name
 
 

@@ -1,8 +1,8 @@
-"""What the networks see of some returns, and what came: rows of bytes, kept on disk.
+"""Samples: inputs and results of the networks for some returns, as rows of bytes on disk.
 
-A clip goes through what the codec does with a stream: each frame is quantised, the motion since the last one is found,
-what was seen is warped, and the native core says what a network would look at for each return. Of each frame some rows
-are kept, at random. All is drawn from the run's seed, the source's number and the clip's, so that it can be made again.
+A clip is processed like a stream in the codec: each frame is quantised, its motion is found, the history is warped, and
+the native core computes the networks' inputs for each return. Some random rows of each frame are stored. The random
+numbers depend only on the run's seed and the numbers of source and clip, so samples are reproducible.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from lidarcodec.training.riddle.variations import Variation
 from lidarcodec.training.runs import step_rng
 
 STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
-"""Quantiser steps, as often as they stand here."""
+"""Quantiser steps; a step that occurs more often here is chosen more often."""
 _WARM: Final = 2
-"""Frames of a clip before motion is known."""
+"""Frames of a clip without a known motion."""
 _CLIP_STEPS: Final = 4
 _STREAM_FRAMES: Final = 200
 
@@ -46,11 +46,11 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Gathering:
-    """How samples are taken.
+    """Options of samples.
 
-    frame_rows: rows kept of each frame at each step; passes: how often each source is gone through, each time otherwise
-    frames:     of each source; framing: how it is cut into frames
-    units:      `varied`: other units of the sensor too; `own`: only the sensor itself; `auto`: varied where simulated
+    frame_rows: rows of each frame for each step; passes: how often each source is used, with other random numbers
+    frames:     most frames of each source; framing: how packets are divided into frames
+    units:      `varied`: also other units of the sensor; `own`: only the sensor; `auto`: varied for simulated drives
     """
 
     seed: int = 1
@@ -68,9 +68,9 @@ class Gathering:
 
 
 def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Generator) -> tuple[Rows, Rows]:
-    """Rows of a clip at one step: of one of its frames alone, and of all but the first two expecting.
+    """Rows of a clip at one step: one frame for networks of kind alone, all but the first two for kind expecting.
 
-    clip: frames of one sensor in order; rows: at most so many of each frame
+    clip: frames of one sensor in order; rows: most rows of each frame
     """
     history, finder = RangeHistory(), MotionFinder()
     looked_alone = int(rng.integers(len(clip)))
@@ -90,9 +90,9 @@ def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Gen
 
 
 def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False) -> Iterator[tuple[Rows, Rows]]:
-    """Rows of each clip of a source. stream: numbers that name it; scans: its frames do not follow each other.
+    """Rows of each clip of a source. stream: numbers for its random generator; scans: its frames are independent
 
-    Raises SourceError, CalibrationError or PacketError when it cannot be read.
+    Raises SourceError, CalibrationError or PacketError if it cannot be read.
     """
     units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
     with open_source(spec) as source:
@@ -107,9 +107,9 @@ def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False)
 
 
 def stream_samples(spec: str, how: Gathering, beside: Weights, *stream: int) -> tuple[Rows, Rows]:
-    """Rows of a source coded as a stream with the largest of these networks, at one step: of its first 200 frames.
+    """Rows of the first 200 frames of a source, coded as a stream with the largest of these networks at one step.
 
-    stream: numbers that name it. Raises as `source_samples`.
+    stream: numbers for its random generator. Raises the errors of `source_samples`.
     """
     units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
     rng = step_rng(how.seed, 0, *stream, 1)
@@ -123,7 +123,7 @@ def stream_samples(spec: str, how: Gathering, beside: Weights, *stream: int) -> 
 
 
 class SampleStore:
-    """Samples of a run in a folder: two files for each source and pass, written whole or not at all."""
+    """Samples of a run in a folder: two files for each source and pass, complete or missing."""
 
     def __init__(
         self,
@@ -135,8 +135,8 @@ class SampleStore:
         beside: Weights | None = None,
         begun: str = "",
     ) -> None:
-        """beside: weights to code the sources with, too, for samples with what contexts say beside their networks
-        begun: name of the weights that the training begins with
+        """beside: weights with which the sources are also coded, for samples with context predictions
+        begun: name of the initial weights
         """
         self.folder, self._how, self._beside = folder / name, how, beside
         self._sources = [(spec, False) for spec in sources] + [(spec, True) for spec in scans]
@@ -146,7 +146,7 @@ class SampleStore:
             self._plan["beside"] = beside.name
 
     def gather(self, say: Say) -> None:
-        """Takes what is not there yet. Raises SettingsError if the folder has samples of something else."""
+        """Make missing samples. Raises SettingsError if the folder has samples of another run."""
         self._check_plan()
         jobs = [(n, p) for p in range(self._how.passes) for n in range(len(self._sources))]
         for done, (number, turn) in enumerate(jobs):
@@ -167,7 +167,7 @@ class SampleStore:
         return found
 
     def some(self, expects: bool, count: int) -> list[Rows]:
-        """About `count` samples of one kind, evenly out of all files. Raises SettingsError if there are none."""
+        """About `count` samples of one kind, evenly from all files. Raises SettingsError if there are none."""
         found = self.rows(expects)
         every = max(1, -(-sum(map(len, found)) // count))
         return [np.array(rows[::every]) for rows in found]
@@ -195,7 +195,7 @@ class SampleStore:
             self.folder.mkdir(parents=True, exist_ok=True)
             if path.exists() and not _says(path, text):
                 raise SettingsError(
-                    f"{self.folder} has samples of other sources, calibrations, poses or settings: give another folder"
+                    f"{self.folder} has samples of other sources, calibrations, poses or settings: use another folder"
                 )
             with written_whole(path) as beside:
                 beside.write_text(text)

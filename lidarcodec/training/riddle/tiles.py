@@ -1,9 +1,9 @@
-"""Weights that a network does without, in tiles of sixteen hidden values and four inputs, which the coder leaves out.
+"""Pruning of weights in tiles of sixteen hidden values and four inputs. The coder skips pruned tiles.
 
-What a tile is worth is what the loss would rise without it, by its second derivative (LeCun, Denker and Solla 1990,
-"Optimal Brain Damage", eq. 5), for which the optimiser's mean of squared slopes stands. Those worth least go little by
-little (Zhu and Gupta 2017, arXiv:1710.01878, eq. 1). Before, hidden values are put in an order in which those that look
-at the same inputs stand together.
+The saliency of a tile is the increase of the loss without it, by the second derivative (LeCun, Denker and Solla 1990,
+"Optimal Brain Damage", eq. 5). The optimiser's mean of squared gradients is used as second derivative. The tiles with
+the lowest saliency are pruned gradually (Zhu and Gupta 2017, arXiv:1710.01878, eq. 1). Before that, hidden values are
+sorted so that those with the same inputs are in the same tiles.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from lidarcodec.network.tiles import INPUTS, SUMS, tiles_left
 from lidarcodec.training.riddle.nets import RiddleNet
 
 EVERY: Final = 50
-"""Steps from one look at what tiles are worth to the next, at most."""
+"""Most steps between two prunings."""
 _LOOKS: Final = 40
-"""As often in a run that is shorter."""
+"""Number of prunings in a shorter run."""
 _BEGIN, _END = 0.05, 0.55
 _ORDERS: Final = 8
-"""From so many random orders the best one is looked for."""
+"""Number of random start orders in the search for the best order."""
 
 Worth = npt.NDArray[np.float64]
 
 
 def in_tiles(values: torch.Tensor) -> torch.Tensor:
-    """Sums over the tiles of a layer: (out, in) to (out / 16, in / 4), the last one filled up with 0."""
+    """Sums over the tiles of a layer: (out, in) to (out / 16, in / 4); the last tile is padded with 0."""
     filled = torch.nn.functional.pad(values, (0, 0, 0, -len(values) % SUMS))
     return filled.reshape(len(filled) // SUMS, SUMS, -1, INPUTS).sum((1, 3))
 
 
 def share_left(net: Net) -> list[float]:
-    """Share of the tiles of the first two layers that have weights."""
+    """Share of tiles with weights, for the first two layers."""
     return [round(float(tiles_left(layer.weights).mean()), 3) for layer in net.layers[:2]]
 
 
 class Tiles:
-    """Which tiles of the first two layers are left, and which go next.
+    """Prunes the tiles of the first two layers.
 
-    keep: of each of the two layers the share that is left in the end; steps: in which that is reached
-    What is left stands in the weights alone, so a run that is resumed goes on as if it had not been stopped.
+    keep: final share of tiles for both layers; steps: number of steps until this share
+    The weights alone tell which tiles are pruned, so a resumed run continues like an uninterrupted one.
     """
 
     def __init__(self, net: RiddleNet, keep: tuple[float, float], steps: int) -> None:
@@ -62,7 +62,7 @@ class Tiles:
         return [layer for layer in self._net.layers[:2] if isinstance(layer, torch.nn.Linear)]
 
     def before_step(self, step: int, optimiser: torch.optim.Optimizer) -> None:
-        """What has to be left out, or put in order, before a step."""
+        """Prune tiles or sort hidden values, if due before this step."""
         look, between = divmod(step, self._every)
         if between or look not in self._looks or all(keep == 1 for keep in self._keep):
             return
@@ -79,7 +79,7 @@ class Tiles:
         self.after_step()
 
     def after_step(self) -> None:
-        """Leaves out what was left out before: a step moves all weights."""
+        """Set pruned weights to 0 again, because the optimiser changes all weights."""
         with torch.no_grad():
             for layer, left in zip(self._layers, self._left, strict=True):
                 if not left.all():
@@ -99,10 +99,10 @@ class Tiles:
 
 
 def order_of(worth: Worth, keep: float) -> npt.NDArray[np.int64]:
-    """An order of hidden values whose tiles of the greatest worth are worth most, as far as some random orders lead.
+    """An order of hidden values that maximises the saliency of the kept tiles. The search starts from random orders.
 
-    worth: (hidden, inputs / 4), what each hidden value loses without each four inputs
-    keep:  share of tiles that is left
+    worth: (hidden, inputs / 4), saliency of each four inputs for each hidden value
+    keep:  share of kept tiles
     """
     rng, found = np.random.default_rng(1), [(_kept(worth, np.arange(len(worth)), keep)[0], np.arange(len(worth)))]
     for _ in range(_ORDERS):
@@ -116,15 +116,15 @@ def order_of(worth: Worth, keep: float) -> npt.NDArray[np.int64]:
 
 
 def _kept(worth: Worth, order: npt.NDArray[np.int64], keep: float) -> tuple[float, Worth]:
-    """What the best tiles of an order are worth, and which they are, (blocks, inputs / 4) of 0 and 1."""
+    """Total saliency of the best tiles of an order, and a mask of them, (blocks, inputs / 4) of 0 and 1."""
     tiles = worth[order].reshape(-1, SUMS, worth.shape[1]).sum(1)
     left = (tiles >= np.sort(tiles, axis=None)[-max(1, round(keep * tiles.size))]).astype(np.float64)
     return float((tiles * left).sum()), left
 
 
 def _with_room(worth: Worth) -> npt.NDArray[np.int64]:
-    """Hidden values, block by block: each goes where it is worth most, those of the greatest worth first, while there
-    is room. worth: (hidden, blocks)"""
+    """Assigns hidden values to blocks: each to the block with its highest saliency that has room, highest first.
+    worth: (hidden, blocks)"""
     blocks = np.full(len(worth), -1)
     room = np.full(worth.shape[1], SUMS)
     for value, block in zip(*np.unravel_index(np.argsort(-worth, axis=None, kind="stable"), worth.shape), strict=True):

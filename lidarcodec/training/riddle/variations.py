@@ -1,8 +1,8 @@
-"""Other units of a sensor, and the world in a mirror: what a network has to bear that its training data do not show.
+"""Data augmentation: other units of a sensor, and mirrored scenes.
 
-Every unit of an HDL-64E has distance and rotation corrections of its own, told by its table; what its table does not
-tell, some millimetres from laser to laser; and noise of its own. A frame is changed together with its table, so that
-its points stay where they are.
+Every HDL-64E has its own distance and rotation corrections in its table, further errors of some millimetres for each
+laser that are not in its table, and its own noise. A frame is changed together with its table, so that its points stay
+at the same places.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _FIELDS: Final = list(CALIBRATION_FIELDS)
 _DISTANCES: Final = ("dist_correction_m", "dist_correction_x_m", "dist_correction_y_m")
 _LENGTHS_PER_STEP: Final = 20_000
 _SPREADS: Final = (0.0, 25.0, 75.0)
-"""How far distance corrections of a unit differ from the published ones, range steps (standard deviation)."""
+"""Standard deviation of a unit's distance corrections from the published ones, in range steps."""
 _MOST_LEVEL: Final = 250
 _HIDDEN: Final = (0.0, 2.0, 4.0)
 _MOST_TURN: Final = 2
@@ -35,12 +35,12 @@ Whole = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """What is different; all by hardware laser, (64,).
+    """The changes, each (64,) by hardware laser.
 
-    level:    int, range steps more that the unit measures, and its table says so; hidden: the same, but it does not
-    columns:  int, columns by which the laser looks later, and its table says so
-    noise:    float, standard deviation of what is added to each range, range steps
-    mirrored: whether left and right change places
+    level:    int, offset of ranges in range steps, which the table contains; hidden: int, offset not in the table
+    columns:  int, offset of the laser in columns, which the table contains
+    noise:    float, standard deviation of added noise, in range steps
+    mirrored: whether left and right are exchanged
     """
 
     level: Whole
@@ -51,7 +51,7 @@ class Variation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, units: bool) -> Variation:
-        """A variation at random; without `units` the sensor stays itself, and only the mirror is tossed for."""
+        """A random variation; without `units` only `mirrored` is random."""
         mirrored = bool(rng.random() < _MIRRORED)
         nothing = np.zeros(LASERS, np.int64)
         if not units:
@@ -64,7 +64,7 @@ class Variation:
         return cls(level.astype(np.int64), hidden.astype(np.int64), columns, noise, mirrored)
 
     def of(self, frames: list[Frame], rng: np.random.Generator) -> list[Frame]:
-        """Frames of one sensor as this unit would have seen them; neither packets nor poses are left."""
+        """Frames of one sensor as this unit would measure them, without packets and poses."""
         if not frames:
             return []
         sensor = frames[0].sensor
@@ -113,7 +113,7 @@ class Variation:
 
 
 def _moved(row: npt.NDArray[np.uint16], columns: int) -> npt.NDArray[np.uint16]:
-    """A row moved to the right; what comes in from beyond its ends is no return."""
+    """A row shifted to the right; new cells at its ends have no return."""
     moved = np.zeros_like(row)
     if columns > 0:
         moved[columns:] = row[:-columns]
