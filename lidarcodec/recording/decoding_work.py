@@ -1,7 +1,7 @@
-"""decoded: the frames of a recording's messages, limited in proportion to the size of the file.
+"""decoded: decodes the messages of a recording, with a limit of work in proportion to the size of the file.
 
-A hostile file may repeat a message in a compressed chunk: twenty bytes each, and a tenth of a second to decode, so a
-megabyte would take hours. Recordings of lidarcodec never have that many returns for a byte (budgets.py).
+A hostile file may repeat a message in a compressed chunk. Each copy has twenty bytes and takes a tenth of a second to
+decode, so a megabyte would take hours. Recordings of lidarcodec never have so many returns for each byte (budgets.py).
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def decoded(
 ) -> Iterator[tuple[Message, list[Frame]]]:
     """Each message that can be decoded, with the frames that became complete with it.
 
-    Ends early, counted and logged as damage, when a file decodes to too much. The work is the sum of returns and
-    columns. A message that fails counts as a full frame, because it may fail at its very end.
+    It ends early if a file decodes to too much data; this is counted and logged as damage. The work is the sum of
+    returns and columns. A message that fails counts as a full frame, because it may fail at its very end.
 
-    messages: from `reader`, with their times;  decode: of the stream's decoder;  failed: is given each error
-    Raises MissingExtraError at a message of a codec that is not installed here.
+    messages: from `reader`, with their times;  decode: decodes one message;  failed: called with each error
+    Raises MissingExtraError at a message of a codec that is not installed.
     """
     allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
     for _, data in messages:
@@ -42,7 +42,7 @@ def decoded(
             message = unpack(data)
             width = message.width
             frames = decode(message)
-        except MissingExtraError:  # no damage: the file decodes where the codec is installed
+        except MissingExtraError:  # not damage: the file can be decoded where the codec is installed
             raise
         except DecodeError as error:
             failed(error)

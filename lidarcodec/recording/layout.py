@@ -4,8 +4,9 @@
 |----------------------|--------------------------------------------|--------------------------------------------|
 | `lidarcodec`         | `lidarcodec/v1/{vehicle}/{sensor}/frame`   | one message as `wire.pack` gives it        |
 | `lidarcodec.packets` | `lidarcodec/v1/{vehicle}/{sensor}/packets` | a batch of packets, `pack_batch` |
-| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: what a message decodes to |
-| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: where the sensor was |
+| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: points of a decoded
+message |
+| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: pose of the sensor |
 
 The last two are optional. They are for viewers; lidarcodec itself does not read them.
 
@@ -43,7 +44,7 @@ def topic(vehicle: str, sensor: str, encoding: str) -> str:
 
 
 def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
-    """Topics of the clouds and of the poses of a sensor, for viewers."""
+    """Topics of a sensor's clouds and poses, for viewers."""
     return f"lidarcodec/v1/{vehicle}/{sensor}/points", f"lidarcodec/v1/{vehicle}/{sensor}/pose"
 
 
@@ -55,7 +56,7 @@ def pack_batch(packets: Sequence[Packet]) -> bytes:
     """
     data = [packet for packet in packets if not packet.position]
     if not packets or len(data) > MAX_BATCH:
-        raise SectionError(f"a batch of {len(packets)} packets: 1 to {MAX_BATCH} are possible")
+        raise SectionError(f"a batch of {len(packets)} packets: 1 to {MAX_BATCH} are allowed")
     for packet in data:
         if len(packet.payload) > MAX_ODD_BYTES:
             raise PacketError(f"a payload of {len(packet.payload)} bytes: the limit is {MAX_ODD_BYTES}")
@@ -93,6 +94,7 @@ def unpack_batch(data: bytes) -> list[Packet]:
     ]
     if len(data) > end:
         (begin_ns,) = _STAMP.unpack_from(data, end)
-        for one in reversed(decode_positions(data[end + _STAMP.size :], count)):  # so that places before stay
+        positions = decode_positions(data[end + _STAMP.size :], count)
+        for one in reversed(positions):  # backwards, so that earlier places stay valid
             packets.insert(one.place, Packet(one.payload, begin_ns + one.offset_ns, position=True))
     return packets

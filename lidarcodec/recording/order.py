@@ -17,7 +17,7 @@ from lidarcodec import wire
 from lidarcodec.errors import DecodeError
 
 REACH: Final = 8
-"""Largest number of messages by which one may be late and still be sorted. No more are held in memory."""
+"""A message that is late by at most so many messages can be sorted. No more are held in memory."""
 
 NONE: Final = -1
 
@@ -27,9 +27,9 @@ Stamped = tuple[int, bytes]
 def in_sent_order(messages: Iterable[Stamped], too_late: Callable[[], object] = lambda: None) -> Iterator[Stamped]:
     """The messages of a stream sorted by frame number, if none is more than REACH messages late.
 
-    A recorder writes messages as they come in. Decoders need them in the order in which they were sent.
-    messages: of one channel, each with its time in ns. A message that cannot be read stays where it is.
-    too_late: called for each message that is later still: frame numbers go back there
+    A recorder writes messages in order of arrival. Decoders need them in the order in which they were sent.
+    messages: messages of one channel, each with its time in ns. An unreadable message keeps its position.
+    too_late: called for each message that is too late to be sorted: frame numbers decrease there
     """
     waiting = _Waiting(too_late)
     for stamped in messages:

@@ -22,7 +22,7 @@ _MAX_CHANNELS: Final = 4096
 _MAX_STREAMS: Final = 4096
 """Most stream ids that are remembered: a hostile file may have a new one in each message."""
 _MAX_PLACES: Final = 1 << 20
-"""Most places to begin reading that are kept: 130 MB."""
+"""Most remembered places to begin reading: 130 MB."""
 
 
 class _Place(NamedTuple):
@@ -33,21 +33,21 @@ class _Place(NamedTuple):
 
 
 class RecordingReader:
-    """Reads a recording from a binary file that can seek; neither opens nor closes it.
+    """Reads a recording from an open binary file that can seek. The caller closes the file.
 
     metadata: texts of the writer (vehicle, sensor, settings, ...); empty for files of other programs
     profile: MCAP profile of the file, such as `ros2`; empty for recordings of lidarcodec
-    channels: those at the beginning, by id;  schemas: names of types, by id
+    channels: channels at the beginning of the file, by id;  schemas: names of types, by id
     size: bytes of the file
-    counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches,
-        `mixed streams`: times that a stream came back behind another one, because two publishers had the same name,
-        `late messages`: those too late to be sorted, `other topics`: messages of topics that were not asked for
+    counts: counts of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and
+        batches, `mixed streams`: how often a stream came back after another one, because two publishers had the same
+        name, `late messages`: messages too late to be sorted, `other topics`: messages of topics that are not read
     """
 
     def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
-        """warn: False where the same file is read again, so that its warnings are not logged twice.
+        """warn: False if the same file is read again, so that its warnings are not logged twice
 
-        Raises SourceError if this is no MCAP file.
+        Raises SourceError if it is not an MCAP file.
         """
         self._stream = stream
         self._size = self.size = records.size_of(stream)
@@ -69,8 +69,8 @@ class RecordingReader:
     def messages(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[tuple[int, bytes]]:
         """(stamp in ns, bytes) of each message, in the order in which they were sent (`order.in_sent_order`).
 
-        start_ns: begins at the last key message at or before it, or at the first message if there is none before it
-        topic: of the channels to read; by default that of the first one that holds messages
+        start_ns: begin at the last key message at or before this time, or at the first message if there is none
+        topic: topic of the channels to read; by default the topic of the first channel with messages
         """
         return in_sent_order(self._as_recorded(start_ns, topic), self._late)
 
@@ -89,7 +89,7 @@ class RecordingReader:
             yield stored.log_time, data
 
     def packets(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[Packet]:
-        """Raw packets in the order in which they were recorded; with `start_ns` from the batch that holds it."""
+        """Raw packets in the order of the recording; with `start_ns` from the batch that contains this time."""
         for stored in self._read(PACKET_ENCODING, topic, start_ns, lambda _: True):
             try:
                 yield from unpack_batch(stored.data())
@@ -97,7 +97,7 @@ class RecordingReader:
                 self._damaged(error)
 
     def others(self, encoding: str, topic: str) -> Iterator[tuple[int, bytes]]:
-        """(log time in ns, bytes) of each message of another program's channel, in the order of the file."""
+        """(log time in ns, bytes) of each message in a channel of another program, in the order of the file."""
         for stored in self._read(encoding, topic, None, lambda _: True):
             yield stored.log_time, stored.data()
 
@@ -111,11 +111,11 @@ class RecordingReader:
                     yield channel, one
 
     def leave_out_rest(self, why: str) -> None:
-        """Count and log that reading stops here. why: the reason"""
+        """Count and log that the rest is not read. why: the reason"""
         self._damaged(DamagedError(f"{why}; the rest was not read"))
 
     def topics(self) -> dict[str, str]:
-        """Topic -> type of every channel with a schema, anywhere in the file."""
+        """The type of every topic with a schema, anywhere in the file."""
         if not self._indexed():
             self._scanned()
         return {one.topic: self.schemas[one.schema] for one in self.channels.values() if one.schema in self.schemas}
@@ -168,10 +168,10 @@ class RecordingReader:
             else:
                 self._learn_of(source, one)
         if record.opcode == records.CHUNK and record.whole and reached < end:
-            raise DamagedError("a chunk whose records end before it does")
+            raise DamagedError("the records of a chunk end before the chunk")
 
     def _walk(self, start: int, check: bool = True) -> Iterator[tuple[int, list[Stored]]]:
-        """(offset, messages) of each record of the data section. Counts what is damaged and, at the end, cut."""
+        """(offset, messages) of each record of the data section. Counts damage, and at the end lost bytes."""
         end = start
         count = 0
         self._work = Work()
@@ -197,8 +197,8 @@ class RecordingReader:
         self._warn(f"{self._name} was cut off: {self._size - end} bytes after its last complete message are lost")
 
     def _compare(self, count: int) -> None:
-        """Count and log if fewer messages were found than the file announces. A flipped bit in an opcode hides a chunk,
-        or ends the data early.
+        """Count and log if there are fewer messages than in the file's statistics. A flipped bit in an opcode can
+        hide a chunk, or end the data early.
         """
         start = records.summary_start(self._stream, self._size)
         for record in records.records(self._stream, start, self._size) if start is not None else ():
@@ -224,7 +224,9 @@ class RecordingReader:
     def _read(
         self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
     ) -> Iterator[Stored]:
-        """Messages of one channel; with `start_ns` from the last message at or before it that reading can start at."""
+        """Messages of one channel; with `start_ns` from the last message at or before it that needs no other
+        message.
+        """
         place = _Place(self._data_start, 0)
         if start_ns is not None:
             place = self._last_place(encoding, topic, start_ns, may_start) or place
@@ -300,19 +302,19 @@ class RecordingReader:
 
     def _damaged(self, error: Exception) -> None:
         self.counts["damaged"] += 1
-        self._warn(f"{self._name} is damaged, and a part of it was left out: {error}")
+        self._warn(f"{self._name} is damaged, and a part of it was skipped: {error}")
 
     def _mixed(self) -> None:
         self.counts["mixed streams"] += 1
-        self._warn(f"{self._name} holds frames of two streams: two publishers used the same name")
+        self._warn(f"{self._name} has frames of two streams: two publishers used the same name")
 
     def _late(self) -> None:
         self.counts["late messages"] += 1
-        self._warn(f"{self._name} holds messages too late to be sorted: frame numbers go back there")
+        self._warn(f"{self._name} has messages that came too late to be sorted: frame numbers decrease there")
 
     def _of_another_topic(self, topic: str) -> None:
         self.counts["other topics"] += 1
-        self._warn(f"{self._name} also holds messages of {topic}, which were left out: ?topic={topic} reads those")
+        self._warn(f"{self._name} also has messages of {topic}, which were skipped: ?topic={topic} reads them")
 
     def _warn(self, text: str) -> None:
         if not self._warned:
@@ -336,6 +338,6 @@ def _is_key(stored: Stored) -> bool:
 def read_recording(stream: IO[bytes], start_ns: int | None = None) -> Iterator[tuple[int, bytes]]:
     """(stamp in ns, bytes) of each message of a recording; see `RecordingReader`.
 
-    Raises SourceError if the file is no recording.
+    Raises SourceError if the file is not a recording.
     """
     return RecordingReader(stream).messages(start_ns)

@@ -1,7 +1,7 @@
 """MCAP records of a file. Records are read one at a time, and every length is checked.
 
-The readers of the `mcap` package fail on a cut file, or read all of it first (docs/decisions/0002). Here a recording
-ends at its first incomplete record. Layouts: mcap.dev/spec.
+The readers of the `mcap` package fail on a cut file, or read the whole file first (docs/decisions/0002). This reader
+stops at the first incomplete record. Layouts: mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_RECORD: Final = 65 * 2**20
 """Largest record that is read into memory: a message of 64 MiB and the overhead of MCAP."""
 
 MAX_CHUNK_RECORDS: Final = 1 << 19
-"""Most records of a chunk, which is held in memory; programs write chunks of 1 to 4 MB."""
+"""Most records of a chunk, because a chunk is held in memory. Programs write chunks of 1 to 4 MB."""
 MAX_NAME: Final = 4096
 """Longest name of a topic, an encoding or a type, in bytes."""
 MAX_ABOUT: Final = MIB
@@ -39,7 +39,7 @@ _FOOTER: Final = struct.Struct("<QQI")
 
 
 class DamagedError(Exception):
-    """A record that contradicts itself. It is never raised out of this package."""
+    """A record contradicts itself. This package never raises it to callers."""
 
 
 class Record(NamedTuple):
@@ -98,7 +98,7 @@ class Channel(NamedTuple):
 
 
 class Work:
-    """Limits the expanded bytes and the records of chunks in proportion to the part of the file read.
+    """Limits the expanded bytes and the records of chunks in proportion to the bytes read so far.
 
     A compressed chunk of 2 kB may expand to 65 MiB, or to seven million empty records.
     """
@@ -108,31 +108,31 @@ class Work:
         self._records = Allowance(RECORDS_BASE, RECORDS_PER_BYTE)
 
     def open(self, chunk: Chunk) -> None:
-        """Called before a chunk is opened. Raises DamagedError if chunks expand to too much."""
+        """Call this before a chunk is opened. Raises DamagedError if chunks expand to too much."""
         if chunk.compression and not self._expanded.spend(chunk.plain_bytes, chunk.start + chunk.length):
-            raise DamagedError(f"chunks that expand to more than {EXPANDED_TIMES} times their size")
+            raise DamagedError(f"chunks expand to more than {EXPANDED_TIMES} times their size")
 
     def count(self, found: Iterator[Record], chunk: Chunk) -> Iterator[Record]:
-        """The records of a chunk. Raises DamagedError when there are too many."""
+        """The records of a chunk. Raises DamagedError if there are too many."""
         for number, record in enumerate(found):
             if number == MAX_CHUNK_RECORDS:
-                raise DamagedError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
+                raise DamagedError(f"a chunk has more than {MAX_CHUNK_RECORDS} records")
             if not self._records.spend(1, chunk.start + chunk.length):
-                raise DamagedError("more records than files of this size have")
+                raise DamagedError("too many records for the size of the file")
             yield record
 
 
 def read(stream: IO[bytes], start: int, length: int) -> bytes:
-    """Exactly `length` bytes.
+    """Read exactly `length` bytes.
 
-    Raises DamagedError if they are not there.
+    Raises DamagedError if the file ends before.
     """
     if length > MAX_RECORD:
-        raise DamagedError(f"{length} bytes in one piece")
+        raise DamagedError(f"a record of {length} bytes is too large")
     stream.seek(start)
     data = stream.read(length)
     if len(data) != length:
-        raise DamagedError(f"{length} bytes at {start} where {len(data)} are left")
+        raise DamagedError(f"{length} bytes are needed at {start}, but only {len(data)} are left")
     return data
 
 
@@ -144,7 +144,7 @@ def size_of(stream: IO[bytes]) -> int:
 def records(stream: IO[bytes], start: int, end: int) -> Iterator[Record]:
     """Records between two offsets. The last one may be incomplete; a rest shorter than a record's head is ignored.
 
-    Ends at opcode 0, which no record has: files have zeros at the end after a loss of power.
+    Ends at opcode 0. No record has it, but a file can end with zeros after a power failure.
     """
     while end - start >= _HEAD.size:
         opcode, length = _HEAD.unpack(read(stream, start, _HEAD.size))
@@ -159,18 +159,18 @@ def records(stream: IO[bytes], start: int, end: int) -> Iterator[Record]:
 
 def _text(data: bytes, at: int, most: int = MAX_ABOUT) -> tuple[str, int]:
     if at + 4 > len(data):
-        raise DamagedError("a text beyond the end of its record")
+        raise DamagedError("a text ends beyond its record")
     end = at + 4 + int.from_bytes(data[at : at + 4], "little")
     if end > len(data) or end - at - 4 > most:
-        raise DamagedError(f"a text beyond the end of its record, or of more than {most} bytes")
+        raise DamagedError(f"a text ends beyond its record, or has more than {most} bytes")
     try:
         return data[at + 4 : end].decode(), end
     except UnicodeDecodeError:
-        raise DamagedError("a text that is not UTF-8") from None
+        raise DamagedError("a text is not UTF-8") from None
 
 
 def channel_of(stream: IO[bytes], record: Record) -> Channel:
-    """The channel that a record describes."""
+    """The channel in a record."""
     data = read(stream, record.start, min(record.length, 4 * MAX_NAME))
     name, at = _text(data, 4, MAX_NAME)
     encoding, _ = _text(data, at, MAX_NAME)
@@ -178,7 +178,7 @@ def channel_of(stream: IO[bytes], record: Record) -> Channel:
 
 
 def schema_of(stream: IO[bytes], record: Record) -> tuple[int, str]:
-    """Id and name of the schema that a record holds."""
+    """Id and name of the schema in a record."""
     data = read(stream, record.start, min(record.length, 2 * MAX_NAME))
     name, _ = _text(data, 2, MAX_NAME)
     return int.from_bytes(data[:2], "little"), name
@@ -208,7 +208,7 @@ def metadata_of(stream: IO[bytes], record: Record) -> tuple[str, dict[str, str]]
 def stored_of(stream: IO[bytes], record: Record) -> Stored:
     """The message of a record; its data is not read yet."""
     if record.length < _MESSAGE.size:
-        raise DamagedError(f"a message record of {record.length} bytes")
+        raise DamagedError(f"a message record has only {record.length} bytes")
     channel, sequence, log_time, _ = _MESSAGE.unpack(read(stream, record.start, _MESSAGE.size))
     return Stored(channel, log_time, stream, record.start + _MESSAGE.size, record.length - _MESSAGE.size, sequence)
 
@@ -217,30 +217,30 @@ def chunk_of(stream: IO[bytes], record: Record) -> Chunk:
     """Head of a chunk, which may be incomplete."""
     first, last, plain, crc, name_bytes = _CHUNK.unpack(read(stream, record.start, _CHUNK.size))
     if name_bytes > 32:
-        raise DamagedError("a compression with a name of more than 32 bytes")
+        raise DamagedError("the name of a compression has more than 32 bytes")
     at = record.start + _CHUNK.size
     tail = read(stream, at, name_bytes + 8)
     start = at + name_bytes + 8
     length = int.from_bytes(tail[name_bytes:], "little")
     if start + length != record.end:
-        raise DamagedError(f"a chunk of {record.length} bytes with records of {length}")
+        raise DamagedError(f"a chunk has {record.length} bytes, but its records {length}")
     return Chunk(first, last, plain, crc, tail[:name_bytes].decode("ascii", "replace"), start, length)
 
 
 def opened(stream: IO[bytes], chunk: Chunk, end: int, check: bool = True) -> tuple[IO[bytes], int, int]:
     """The records of a chunk: file, first offset, last offset.
 
-    end: end of the file, which may cut the chunk; check: whether to check the checksum of uncompressed records.
-    Raises DamagedError if they cannot be had.
+    end: end of the file, which may cut the chunk; check: whether to check the checksum of uncompressed records
+    Raises DamagedError if they cannot be read.
     """
     if not chunk.compression:
         last = min(chunk.start + chunk.length, end)
         whole = last == chunk.start + chunk.length and chunk.length <= MAX_RECORD
         if check and whole and chunk.crc and zlib.crc32(read(stream, chunk.start, chunk.length)) != chunk.crc:
-            raise DamagedError(f"a chunk at {chunk.start} whose checksum is wrong")
+            raise DamagedError(f"the checksum of the chunk at {chunk.start} is wrong")
         return stream, chunk.start, last
     if chunk.plain_bytes > MAX_RECORD:
-        raise DamagedError(f"a chunk of {chunk.plain_bytes} bytes")
+        raise DamagedError(f"a chunk of {chunk.plain_bytes} bytes is too large")
     packed = read(stream, chunk.start, chunk.length)
     try:
         if chunk.compression == "zstd":
@@ -250,11 +250,11 @@ def opened(stream: IO[bytes], chunk: Chunk, end: int, check: bool = True) -> tup
         elif chunk.compression == "lz4":
             plain = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.plain_bytes + 1)
         else:
-            raise DamagedError(f"a chunk compressed with '{chunk.compression}'")
+            raise DamagedError(f"a chunk has the unknown compression '{chunk.compression}'")
     except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise DamagedError(f"a damaged chunk: {error}") from None
+        raise DamagedError(f"a chunk is damaged: {error}") from None
     if len(plain) != chunk.plain_bytes or (chunk.crc and zlib.crc32(plain) != chunk.crc):
-        raise DamagedError("a chunk that holds something else than it says")
+        raise DamagedError("a chunk does not match its size or checksum")
     return io.BytesIO(plain), 0, len(plain)
 
 
@@ -278,6 +278,6 @@ def message_count(stream: IO[bytes], record: Record) -> int:
 def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int]:
     """Time of the first message and offset of the chunk in an index record."""
     if record.length < _CHUNK_INDEX.size:
-        raise DamagedError(f"a chunk index of {record.length} bytes")
+        raise DamagedError(f"a chunk index has only {record.length} bytes")
     first, _, start, _ = _CHUNK_INDEX.unpack(read(stream, record.start, _CHUNK_INDEX.size))
     return first, start

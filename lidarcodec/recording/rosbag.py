@@ -37,7 +37,7 @@ POINTS_TOPIC: Final = "/velodyne_points"
 TF_TOPIC: Final = "/tf"
 FRAME_ID: Final = "velodyne"
 WORLD: Final = "map"
-"""Name of the reference frame of poses in ROS (REP 105)."""
+"""Name of the frame of poses in ROS (REP 105)."""
 _CHUNK: Final = 2**20
 _INFORMATION_VERSION: Final = 5
 """Version of metadata.yaml that every ROS 2 since Humble reads."""
@@ -45,7 +45,7 @@ _INFORMATION_VERSION: Final = 5
 
 @dataclass
 class Topic:
-    """A topic that was written: its name and type, and how many messages it has."""
+    """A written topic: its name, its type, and its number of messages."""
 
     name: str
     type: ros.RosType
@@ -54,7 +54,7 @@ class Topic:
 
 
 class RosbagWriter:
-    """Writes to a binary file that it neither opens nor closes. topics: what was written so far."""
+    """Writes to an open binary file, which the caller closes. topics: the topics written so far"""
 
     def __init__(
         self,
@@ -74,11 +74,11 @@ class RosbagWriter:
 
     @property
     def topics(self) -> list[Topic]:
-        """What was written."""
+        """The topics written so far."""
         return list(self._topics.values())
 
     def write_scan(self, packets: Sequence[Packet]) -> None:
-        """Add consecutive packets, for example of one turn, as a message; no packets, no message.
+        """Add consecutive packets, for example of one turn, as a message. No packets give no message.
 
         Raises SectionError for times that ROS cannot hold, PacketError, OSError.
         """
@@ -94,7 +94,7 @@ class RosbagWriter:
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
 
     def close(self) -> None:
-        """Writes index and footer; harmless when called twice. The file itself stays open."""
+        """Write index and footer. A second call does nothing. The file itself stays open."""
         if not self._finished:
             self._finished = True
             with memory_told():
@@ -102,7 +102,7 @@ class RosbagWriter:
             self._stream.flush()
 
     def metadata(self, name: str) -> str:
-        """The `metadata.yaml` of a folder that holds this file. name: of the file"""
+        """The contents of `metadata.yaml` in the bag's folder. name: name of this file"""
         total = sum(topic.count for topic in self.topics)
         times: dict[str, Any] = {
             "duration": {"nanoseconds": self._last_ns - self._first_ns},

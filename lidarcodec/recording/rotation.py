@@ -39,16 +39,16 @@ _FRAME_BYTES: Final = 4096
 _POSE_BYTES: Final = 1024
 """Most bytes of a cloud's head and its pose."""
 _SPARE: Final = 3
-"""Handles in reserve: what beginning a file opens at once, a file and its folder, and one more."""
+"""File handles in reserve: a new file, its folder, and one more."""
 
 
 class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
-            `lost files` (removed, replaced or overwritten by another program while we wrote them),
+            `lost files` (removed, replaced or overwritten by another program during the recording),
             `waiting for a key message` (not written), `not recorded`
-    stopped: why recording stopped, None while it runs;  clouds: set it if `write_cloud` will be called
+    stopped: why recording stopped, None while it runs;  clouds: set this if `write_cloud` will be called
     """
 
     def __init__(
@@ -62,14 +62,14 @@ class RotatingRecorder:
         max_total_bytes: int = 8 * 2**30,
         sync_bytes: int = 16 * 2**20,
     ) -> None:
-        """max_total_bytes: of all files of this sensor in the folder, with those of older runs; sync_bytes: most bytes
-        that a loss of power may cost.
+        """max_total_bytes: size of all files of this sensor in the folder, including files of earlier runs; sync_bytes:
+        most bytes that a power failure may lose
 
-        Raises SettingsError for sizes that leave no room for two files.
+        Raises SettingsError if there is no room for two files.
         """
         if max_file_bytes < MIN_FILE_BYTES or max_total_bytes < 2 * max_file_bytes:
             raise SettingsError(
-                f"recording needs more room: a file needs at least {MIN_FILE_BYTES} bytes, not {max_file_bytes}, "
+                f"recording needs more space: a file needs at least {MIN_FILE_BYTES} bytes, not {max_file_bytes}, "
 f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_bytes",
             )  # fmt: skip
         self.folder = folder
@@ -86,9 +86,9 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self._spare = SpareHandles(_SPARE)
 
     def write(self, data: bytes) -> bool:
-        """Record one message, as `wire.pack` gives it; returns whether it was recorded. Files begin at key messages.
+        """Record one message, packed by `wire.pack`. Returns whether it was recorded. Files begin at key messages.
 
-        Raises DecodeError for bytes that are no message.
+        Raises DecodeError for bytes that are not a message.
         """
         header = wire.peek(data)
         self._look_after_file()
@@ -102,7 +102,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return recorded
 
     def write_packets(self, packets: Sequence[Packet]) -> bool:
-        """Record a batch of raw packets; returns whether it was recorded. Any batch may begin a file."""
+        """Record a batch of raw packets. Returns whether it was recorded. A file may begin with any batch."""
         if not packets:
             return True
         self._look_after_file()
@@ -112,7 +112,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return self._add(size, lambda writer: writer.write_packets(packets))
 
     def write_cloud(self, frame: Frame) -> bool:
-        """Record the points of a decoded frame in the current file; returns whether they were recorded."""
+        """Record the points of a decoded frame in the current file. Returns whether they were recorded."""
         self._look_after_file()
         size = frame.points * POINT_DTYPE.itemsize + _POSE_BYTES
         if self._writer is None and self.stopped is None:
@@ -121,7 +121,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return self._add(size, lambda writer: writer.write_cloud(frame), what="clouds")
 
     def close(self) -> None:
-        """Ends the current file; harmless when called twice."""
+        """End the current file. A second call does nothing."""
         self._look_after_file()
         self._guarded(self._end)
         self._spare.close()
@@ -140,7 +140,9 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
 
     def _is_ours(self, path: Path) -> bool:
-        """Whether a file is of this sensor, by its metadata: `car_1`, `roof` and `car`, `1_roof` give equal names."""
+        """Whether a file is of this sensor, by its metadata: `car_1`, `roof` and `car`, `1_roof` have equal file
+        names.
+        """
         if "_" not in self.vehicle + self.sensor or path.name in self._made:
             return True
         try:
@@ -161,7 +163,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         log.error("%s was %s during recording: its content is lost", file.name, what)
         self._writer = self._file = None
         with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
-            os.dup2(nowhere.fileno(), file.fileno())  # its buffer must not be written into another program's file
+            os.dup2(nowhere.fileno(), file.fileno())  # so that its buffer is not written into another program's file
             file.close()
 
     def _size_with(self, more: int) -> int:
@@ -179,7 +181,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return False
 
     def _write(self, writer: RecordingWriter, size: int, write: Callable[[RecordingWriter], None]) -> None:
-        if self._size_with(size) > self.max_file_bytes:  # no key message came in time
+        if self._size_with(size) > self.max_file_bytes:  # no key message came before the size limit
             self._make_room(self._size_with(size))
         write(writer)
         self._in_file += 1
@@ -188,7 +190,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             self._synced = writer.bytes_written
 
     def _begin(self, stamp_ns: int, first_bytes: int) -> None:
-        """Begin a file. While this process may open no more files, the current one goes on instead."""
+        """Begin a file. If this process cannot open more files, continue the current one instead."""
         if self.stopped is not None or (not self._spare.fill() and self._writer is not None):
             return
         self._guarded(lambda: self._open(stamp_ns, first_bytes))
@@ -214,7 +216,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         except BaseException:
             _thrown_away(file, path)
             raise
-        with contextlib.suppress(OSError):  # not every file system can
+        with contextlib.suppress(OSError):  # some file systems cannot
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._made.append(path.name)
         self._file, self._writer = file, writer
@@ -255,7 +257,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self._writer = self._file = None
         if writer is None or file is None:
             return
-        if not self._in_file:  # not even its first message could be written
+        if not self._in_file:  # even its first message could not be written
             _thrown_away(file, Path(file.name))
             self.counts["files"] -= 1
             return
@@ -264,13 +266,13 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             os.fsync(file.fileno())
 
     def _guarded(self, work: Callable[[], None]) -> bool:
-        """Do the work; returns whether it succeeded. An error of disk or memory stops the recording."""
+        """Do the work. Returns whether it succeeded. An error of disk or memory stops the recording."""
         try:
             work()
         except OSError as error:
             self._stop(f"{error.strerror or error}")
             return False
-        except MemoryError:  # a message may be half written, which hides later ones
+        except MemoryError:  # a message may be incomplete, which would hide later ones
             self._stop("there was not enough memory")
             return False
         return True
@@ -286,12 +288,12 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
 
 
 def _created(path: Path) -> IO[bytes]:
-    """A new file. Raises FileExistsError, OSError."""
+    """Create a file. Raises FileExistsError, OSError."""
     return path.open("xb")
 
 
 def _changed_ns(path: Path) -> int | None:
-    """When a file was changed; None if it is gone, or a broken link."""
+    """Time of the last change of a file; None if it was removed or is a broken link."""
     try:
         return path.stat().st_mtime_ns
     except OSError:
@@ -301,7 +303,7 @@ def _changed_ns(path: Path) -> int | None:
 def _size_of(path: Path) -> int:
     try:
         return path.stat().st_size
-    except OSError:  # gone meanwhile
+    except OSError:  # removed meanwhile
         return 0
 
 
@@ -331,13 +333,13 @@ def _is_written(path: Path) -> bool:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError as error:  # no locks there, or nothing that could be read
+    except OSError as error:  # the file system has no locks, or the file cannot be read
         return error.errno in FULL
     return False
 
 
 def _sync_folder(folder: Path) -> None:
-    """Makes the name of a new file survive a loss of power."""
+    """Make the name of a new file survive a power failure."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -32,11 +32,11 @@ from lidarcodec.settings import StreamSettings, valid_name
 from lidarcodec.wire.header import MAJOR, MINOR
 
 _ONE_MESSAGE: Final = 1
-"""Chunk size: MCAP closes a chunk when it is this large, so after each message."""
+"""Chunk size. The MCAP writer closes a chunk of this size, so after each message."""
 
 
 class RecordingWriter:
-    """Writes messages, packets or both of one sensor to a binary file that it neither opens nor closes."""
+    """Writes messages, packets or both of one sensor to an open binary file, which the caller closes."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class RecordingWriter:
         *,
         clouds: bool = False,
     ) -> None:
-        """metadata: further texts to keep with the recording;  clouds: whether `write_cloud` may be called.
+        """metadata: further texts to store;  clouds: whether `write_cloud` may be called
 
         Raises SettingsError for an invalid name.
         """
@@ -69,13 +69,13 @@ class RecordingWriter:
         self._mcap.add_metadata(METADATA_NAME, dict(metadata or {}) | about)
 
     def write(self, data: bytes) -> None:
-        """Add one message, as `wire.pack` gives it, and hand it to the operating system.
+        """Add one message, packed by `wire.pack`, and pass it to the operating system.
 
-        Raises DecodeError for bytes that do not begin with the header of a message of their length, OSError.
+        Raises DecodeError if the bytes do not begin with the header of a message of this length, OSError.
         """
         header = wire.peek(data)
         if header.total_bytes != len(data):
-            raise HeaderError(f"a message that announces {header.total_bytes} bytes and has {len(data)}", 8)
+            raise HeaderError(f"the message should have {header.total_bytes} bytes, but has {len(data)}", 8)
         self._add(MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
 
     def write_packets(self, packets: Sequence[Packet]) -> None:
@@ -109,7 +109,7 @@ class RecordingWriter:
                 known = {one.name: one for one in (foxglove.POINT_CLOUD, foxglove.FRAME_TRANSFORM)}.get(schema)
                 if known is None:
                     raise SourceError(
-                        f"{channel.topic} holds {schema}, which recordings of lidarcodec never have: leave it out"
+                        f"{channel.topic} has type {schema}, which recordings of lidarcodec do not have: leave it out"
                     )
                 number = self._mcap.register_schema(known.name, foxglove.ENCODING, known.data)
             self._channels[channel.topic] = self._mcap.register_channel(channel.topic, channel.encoding, number)
@@ -121,7 +121,7 @@ class RecordingWriter:
         return self._stream.tell()
 
     def close(self) -> None:
-        """Writes index and footer; harmless when called twice. The file itself stays open."""
+        """Write index and footer. A second call does nothing. The file itself stays open."""
         if not self._finished:
             self._finished = True
             with memory_told():
