@@ -1,1 +1,1 @@
-"""How a sensor moved, and the ranges that a frame is expected to have after that motion."""
+"""The motion of a sensor, and the expected ranges of a frame after that motion."""

@@ -1,9 +1,10 @@
-"""How the sensor moved in the last turn: the encoder takes it from poses, or finds it by registration of ranges.
+"""The motion of the sensor in the last turn. The encoder gets it from poses, or by registration of ranges.
 
-A frame of any length needs the motion of one turn, because the history holds what was seen a turn ago. The speed
+A frame of any length needs the motion of one turn, because the history has the ranges of a turn ago. The velocity
 between two poses is assumed to be constant, and is scaled to the time of a turn. A frame of half a turn or more is
-registered with the history (`find_motion` of the native core). A slab sees too little to determine a motion: twice a
-turn the slabs of the last turn are registered together with the turn before, and the slabs between keep that motion.
+registered with the history (`find_motion` of the native core). A slab has too few returns to determine a motion. So
+twice a turn the slabs of the last turn together are registered with the turn before. The slabs in between use the same
+motion.
 
 If registration fails, the motion is that of the poses. Without poses it is the last one found, for a second. After that
 the sensor is assumed to stand still.
@@ -27,15 +28,15 @@ from lidarcodec.units import AZIMUTH_TURN
 Origin = Literal["poses", "found", "kept", "still"]
 
 KEPT_TURNS: Final = 10
-"""Turns for which the last motion is used when no new one is found: a second."""
+"""Number of turns, a second, for which the last motion is used if no new one is found."""
 MIN_MATCHED_SHARE: Final = 0.3
-"""Share of the points that must match the surface seen before."""
+"""Share of the points that must match the earlier surface."""
 _HALF: Final = AZIMUTH_TURN // 2
 
 _MAX_POSE_TURNS: Final = 10.0
 """Poses further apart than this many turns do not determine the motion of one turn."""
 TURN_NS: Final = 100_000_000
-"""Time of a turn until frames have shown another."""
+"""Time of a turn until frames have shown the true one."""
 _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
 
@@ -44,7 +45,7 @@ class FoundMotion:
     """A motion, its origin, and how well it fits.
 
     origin: `poses`; `found` by registration; `kept`: the last one found; `still`: nothing is known
-    points, matched: points with normals, and how many of them match the surface seen before
+    points, matched: number of points with normals, and of those that match the earlier surface
     median_m: median distance of the matched points from that surface
     """
 
@@ -56,7 +57,7 @@ class FoundMotion:
 
 
 class _Seen(NamedTuple):
-    """The columns of one frame, or of several that follow each other."""
+    """The columns of one frame, or of several consecutive frames."""
 
     ranges: npt.NDArray[np.uint16]
     azimuth: npt.NDArray[np.uint16]
@@ -75,8 +76,8 @@ class _Seen(NamedTuple):
 class MotionFinder:
     """Gives the motion for each frame of a stream, in order. Call `next` before the history stores the frame.
 
-    refine: True: a pose is the start of the registration; False: it is used as it is, at no cost. With KITTI's poses,
-    from GPS and inertia, ranges cost 0.2 bit a return more than with registration.
+    refine: True: a pose is the start of the registration; False: the pose is used directly, at no cost. KITTI's poses
+    from GPS and inertial sensors need clearly more bits than registration.
     """
 
     def __init__(self, *, refine: bool = True) -> None:
@@ -86,14 +87,14 @@ class MotionFinder:
         self._before: Frame | None = None
         self._swept_before = 0
         self._turn_ns = TURN_NS
-        self._gathered: deque[tuple[Frame, int]] = deque()  # slabs of the last turn, and how far each advanced
+        self._gathered: deque[tuple[Frame, int]] = deque()  # slabs of the last turn, and the azimuth steps of each
         self._unregistered = 0  # azimuth steps since slabs were registered
         self._older = RangeHistory()  # the history before the gathered slabs
 
     def next(self, frame: Frame, history: RangeHistory) -> FoundMotion:
-        """The motion to code this frame with.
+        """The motion for coding this frame.
 
-        history: what was sent before; frame.range: the original ranges
+        history: earlier sent ranges; frame.range: the original ranges
         """
         sweep = swept(frame.azimuth)
         posed = self._from_poses(frame)
@@ -122,14 +123,14 @@ class MotionFinder:
         if frame.index == before.index + 1 and self._swept_before + gap > 0:
             turn_ns = passed_ns * AZIMUTH_TURN // (self._swept_before + gap)
             self._turn_ns = min(max(turn_ns, _FASTEST_TURN_NS), _SLOWEST_TURN_NS)
-        # The history is a whole number of turns old in every direction: one, unless frames were left out.
+        # The history is a whole number of turns old in every direction: one turn, unless frames were skipped.
         turns = passed_ns / self._turn_ns
         moved = Motion.nearest(np.linalg.inv(frame.pose) @ before.pose) if turns <= _MAX_POSE_TURNS else None
         scaled = None if moved is None else moved.scaled(max(1, round(turns)) / turns)
         return None if scaled is None else FoundMotion(scaled, "poses")
 
     def _slab(self, frame: Frame, posed: FoundMotion | None) -> FoundMotion:
-        """Registers the slabs of the last turn with the turn before, twice a turn; otherwise gives the last motion."""
+        """Twice a turn, register the slabs of the last turn with the turn before; otherwise give the last motion."""
         gap = 0 if self._before is None else (_first(frame) - _last(self._before)) % AZIMUTH_TURN
         advanced = swept(frame.azimuth) + gap
         self._gathered.append((frame, advanced))

@@ -1,8 +1,8 @@
-"""What a stream has shown since its last key frame, looked up by azimuth: the same for turns, slabs and any width.
+"""Histories of a stream since its last key frame, looked up by azimuth, so that frames may have any width.
 
-Encoder and decoder keep one of each, in step. `MaskHistory` is what masks refer to: a table of 2000 directions (0.18
-degree, a little more than an HDL-64E's step between firings) holds, for each row, what was last sent in that direction.
-Rows of the two blocks are looked up by the azimuth of their own block. `StreamHistory` is what ranges refer to.
+Encoder and decoder each have the same histories. Masks refer to `MaskHistory`: a table of 2000 directions (0.18
+degree, slightly more than an HDL-64E's step between firings) has, for each row, the mask that was last sent in that
+direction. Rows of both blocks are looked up by the azimuth of their own block. Ranges refer to `StreamHistory`.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ DIRECTION_STEP: Final = 18
 """Azimuth steps of 0.01 degree in a direction."""
 DIRECTIONS: Final = AZIMUTH_TURN // DIRECTION_STEP
 EDGE_COLUMNS: Final = 128
-"""Columns before a slab that it may look at: more than the rows of an HDL-64E lie apart."""
+"""Number of columns before a slab to which it may refer: more than the azimuth offset between rows of an HDL-64E."""
 WIDEST_GAP: Final = 500
-"""Azimuth steps that may be missing before a slab for which the columns before it are of use."""
+"""Most azimuth steps that may be missing between a slab and the columns to which it refers."""
 WAITING_SWEEP: Final = 3600
 WAITING_COLUMNS: Final = 1024
-"""Azimuth steps, or columns, that must have been sent after a slab before it is remembered as the last turn."""
+"""A slab becomes part of the last turn only after so many azimuth steps, or columns, were sent after it."""
 
 Mask = npt.NDArray[np.bool_]
 Ranges = npt.NDArray[np.uint16]
 
 
 class MaskHistory:
-    """What was last sent in each direction. Encoder and decoder keep one each, in step."""
+    """The mask that was last sent in each direction. Encoder and decoder each have the same."""
 
     def __init__(self) -> None:
-        self._sent: Mask = np.zeros((DIRECTIONS, LASERS), np.bool_)  # a column's rows beside each other
+        self._sent: Mask = np.zeros((DIRECTIONS, LASERS), np.bool_)  # the rows of a column are adjacent
 
     def before(self, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> Mask:
-        """(64, W) bool, what was last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000."""
-        if not self._sent.any():  # a covered sensor costs little, and a message that says nothing, too
+        """(64, W) bool, the mask last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000"""
+        if not self._sent.any():  # quick for empty masks, for example of a covered sensor
             return np.zeros((LASERS, azimuth.shape[1]), np.bool_)
         seen = np.empty((LASERS, azimuth.shape[1]), np.bool_)
         for rows, directions in self._halves(azimuth, sensor):
@@ -50,12 +50,12 @@ class MaskHistory:
         return seen
 
     def remember(self, valid: Mask, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> None:
-        """Takes a mask that was sent, (64, W) bool; of columns in one direction the last one stays."""
+        """Store a sent mask, (64, W) bool. If several columns have the same direction, the last one is stored."""
         if not valid.any() and not self._sent.any():
             return
         for rows, directions in self._halves(azimuth, sensor):
             at = directions if isinstance(rows, slice) else directions[:, None]
-            self._sent[at, rows] = valid[rows].T  # NumPy: of equal indices the last value stays
+            self._sent[at, rows] = valid[rows].T  # NumPy: for equal indices the last value is stored
 
     @staticmethod
     def _halves(
@@ -67,7 +67,7 @@ class MaskHistory:
 
 
 def _together(rows: npt.NDArray[np.intp]) -> slice | npt.NDArray[np.intp]:
-    """Rows as a slice if they lie beside each other, as those of a block mostly do: four times as quick."""
+    """Rows as a slice if they are adjacent, as usual in a block: four times as fast."""
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
 
@@ -80,7 +80,7 @@ class _Sent(NamedTuple):
 
 
 class StreamHistory:
-    """What ranges refer to: the ranges of the last turn, and the columns before a slab."""
+    """The reference of ranges: the ranges of the last turn, and the columns before a slab."""
 
     def __init__(self) -> None:
         self._seen = RangeHistory()
@@ -89,7 +89,7 @@ class StreamHistory:
         self._waiting: deque[_Sent] = deque()
 
     def forget(self) -> None:
-        """Forgets everything, before a key message."""
+        """Forget everything, before a key message."""
         self._seen.forget()
         self._waiting.clear()
         self.forget_edge()
@@ -101,15 +101,16 @@ class StreamHistory:
         return self._seen
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
-        """(64, W) uint16, what a frame should look like if the sensor moved so: `RangeHistory.expected`."""
+        """(64, W) uint16, the expected ranges of a frame after this motion: `RangeHistory.expected`."""
         return self.seen.expected(motion, azimuth, fired, sensor)
 
     def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel, *, slab: bool) -> None:
-        """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns.
+        """Store a sent frame, (64, W) uint16 decoded ranges, 0 without a return.
 
-        A slab waits until enough was sent after it: what is to be expected on the left of a slab was then seen a turn
-        ago as all the rest was, and not a moment ago, from where the sensor is now. All else waits for the next frame
-        or question, so that a stream of key frames pays nothing for it.
+        A slab waits until enough was sent after it. Then the expected ranges left of a slab are also a turn old, like
+        all
+        others, and not measured just before from the present pose. A whole frame waits for the next frame or call of
+        `expected`, so that a stream of key frames has no cost.
         """
         self._take_waiting()
         self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth) if slab else None))
@@ -126,17 +127,17 @@ class StreamHistory:
             self._seen.remember(*self._waiting.popleft()[:4])
 
     def remember_edge(self, ranges: Ranges, azimuth: Ranges, fired: Mask, expected: Ranges | None) -> None:
-        """Takes the columns of a slab, as they are decoded, and what was expected of them."""
+        """Store the decoded columns of a slab, and their expected ranges."""
         foreseen = np.zeros_like(ranges) if expected is None else expected
         self._edge = self._edge.and_then(KnownColumns(ranges, fired, foreseen)).last(EDGE_COLUMNS)
         self._edge_azimuth = int(azimuth[0, -1])
 
     def forget_edge(self) -> None:
-        """Forgets the columns of slabs, after a whole frame."""
+        """Forget the columns of slabs, after a whole frame."""
         self._edge, self._edge_azimuth = KnownColumns.none(), None
 
     def edge_before(self, azimuth: Ranges) -> KnownColumns:
-        """The columns to use before a slab, none if too much is missing between; azimuth: (2, W) uint16 of the slab."""
+        """The columns before a slab; none if too many are missing in between. azimuth: (2, W) uint16 of the slab"""
         if self._edge_azimuth is None or not azimuth.shape[1]:
             return KnownColumns.none()
         gap = (int(azimuth[0, 0]) - self._edge_azimuth) % AZIMUTH_TURN

@@ -1,7 +1,7 @@
-"""Motion: how a sensor moved within a turn, in whole numbers, and its MOTION section.
+"""Motion: the motion of a sensor within a turn, in integers, and its MOTION section.
 
-A rotation is sent as its Cayley vector h, which points along the axis and is as long as the tangent of half the angle.
-Any three numbers are then a rotation, and every machine computes the same matrix from them:
+A rotation is sent as its Cayley vector h: its direction is the axis, and its length the tangent of half the angle. So
+any three numbers are a valid rotation, and every machine computes the same matrix from them:
 R = 1 + 2 (S [h] + [h]^2) / (S^2 + h.h) with S = 2^24. The section is described in docs/wire-format-motion.md.
 
 >>> ahead = Motion(shift=(-16_000, 0, 0))  # the sensor drove a metre ahead: points move a metre back
@@ -22,17 +22,18 @@ import numpy.typing as npt
 from lidarcodec.errors import SectionError
 
 CAYLEY_UNIT: Final = 1 << 24
-"""Steps of a Cayley vector in 1."""
+"""Number of steps of a Cayley vector in 1."""
 SHIFT_UNIT_M: Final = 0.0000625
-"""A step of a shift: 1/16 mm. A range step of 2 mm has 32 of them."""
+"""Step of a shift in metres: 1/16 mm. A range step of 2 mm is 32 of them."""
 MAX_CAYLEY: Final = 1 << 22
-"""Largest part of a Cayley vector: 28 degrees within a turn."""
+"""Largest component of a Cayley vector: 28 degrees within a turn."""
 MAX_SHIFT: Final = 320_000
-"""Largest part of a shift: 20 m within a turn."""
+"""Largest component of a shift: 20 m within a turn."""
 ROTATION_UNIT: Final = 1 << 30
 _BYTES: Final = 3
 _MAX_NON_ORTHOGONALITY: Final = 0.1
-"""How much an element of R R^T may differ from the identity matrix: other programs round the poses that they write."""
+"""Largest difference of an element of R R^T from the identity matrix. Other programs round the poses that they
+write."""
 _MAX_M: Final = 1e9
 
 Triple = tuple[int, int, int]
@@ -41,9 +42,9 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """T_current_previous: the motion of points from the sensor's frame of a turn ago to its frame of now.
+    """T_current_previous: transforms points from the sensor's frame of a turn ago to its present frame.
 
-    turn: Cayley vector in steps of 2^-24, each part up to MAX_CAYLEY; shift: in steps of 1/16 mm, each up to MAX_SHIFT
+    turn: Cayley vector in steps of 2^-24, components up to MAX_CAYLEY; shift: in steps of 1/16 mm, up to MAX_SHIFT
     Raises SectionError beyond the limits.
     """
 
@@ -52,11 +53,11 @@ class Motion:
 
     def __post_init__(self) -> None:
         if max(map(abs, self.turn)) > MAX_CAYLEY or max(map(abs, self.shift)) > MAX_SHIFT:
-            raise SectionError(f"a motion of turn {self.turn} and shift {self.shift}: 28 degrees and 20 m are possible")
+            raise SectionError(f"the motion {self.turn}, {self.shift} exceeds the limits of 28 degrees and 20 m")
 
     @classmethod
     def nearest(cls, matrix: Matrix) -> Motion | None:
-        """The motion closest to a rigid transform, (4, 4) in metres; None if it is not rigid, or beyond the limits."""
+        """The motion closest to a (4, 4) transform in metres; None if it is not rigid, or beyond the limits."""
         turn = matrix[:3, :3]
         scale = 1.0 + np.trace(turn)
         if not np.isfinite(matrix).all() or scale < 1.0:
@@ -92,7 +93,7 @@ class Motion:
         return matrix
 
     def scaled(self, factor: float) -> Motion | None:
-        """The motion at the same speed in `factor` times the time; None beyond the limits."""
+        """The motion at the same velocity in `factor` times the time; None if it is beyond the limits."""
         turn, shift = np.rint(np.array(self.turn) * factor), np.rint(np.array(self.shift) * factor)
         if not (max(abs(turn)) <= MAX_CAYLEY and max(abs(shift)) <= MAX_SHIFT):
             return None

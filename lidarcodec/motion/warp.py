@@ -1,10 +1,10 @@
-"""The ranges that a frame is expected to have: those of the last turn, transformed by the sensor's motion.
+"""The expected ranges of a frame: the ranges of the last turn, transformed by the sensor's motion.
 
-A history keeps every return of the last turn with the azimuth at which it was measured, so frames may be cut anywhere:
-whole turns, 348 packets, or slabs. Its returns become points, and the motion transforms them. In each direction a
-polyline through the rings makes them a surface. The beams of the new frame intersect that surface. This is exact on
-planes such as the road, where the nearest ring would be wrong by a fortieth of the range. All of it is in whole
-numbers, so that encoder and decoder agree on any machine. docs/wire-format-motion.md has the rules.
+The history has every return of the last turn with its azimuth, so frames may begin anywhere: whole turns, 348 packets,
+or slabs. Returns become points, and the motion transforms them. In each direction a polyline through the rings makes
+them a surface. The beams of the new frame intersect that surface. This is exact on planes such as the road, where the
+nearest ring would be wrong by a fortieth of the range. All computation is in integers, so that encoder and decoder
+agree on any machine. docs/wire-format-motion.md has the rules.
 
 >>> from lidarcodec.sensor_model import Calibration, SensorModel
 >>> sensor = SensorModel("HDL-64E", Calibration.from_values({"vert_correction_rad": np.linspace(0.03, -0.43, 64)}))
@@ -40,7 +40,7 @@ Mask = npt.NDArray[np.bool_]
 
 @lru_cache(maxsize=8)
 def beam_rows(sensor: SensorModel) -> npt.NDArray[np.int32]:
-    """(6, 64) int32: of each row its block (0 upper, 1 lower) and five values of its laser's calibration."""
+    """(6, 64) int32: for each row its block (0 upper, 1 lower) and five values of its laser's calibration."""
     lasers = sensor.laser_of_ring
     table = sensor.calibration.table[[_FIELDS.index(name) for name in _USED]][:, lasers]
     rows = np.ascontiguousarray(np.concatenate([(lasers >= LASERS_PER_BLOCK)[None].astype(np.int32), table]))
@@ -49,17 +49,17 @@ def beam_rows(sensor: SensorModel) -> npt.NDArray[np.int32]:
 
 
 class RangeHistory:
-    """The ranges last seen in each direction; 0.6 MB."""
+    """The last ranges in each direction; 0.6 MB."""
 
     def __init__(self) -> None:
         self.native: Final = _native.RangeHistory()
 
     def forget(self) -> None:
-        """Forgets everything, as before a key frame."""
+        """Forget everything, before a key frame."""
         self.native.forget()
 
     def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> None:
-        """Stores a frame that was sent, as it is decoded; 0.4 ms a turn.
+        """Store a sent frame after decoding; 0.4 ms a turn.
 
         ranges: (64, W) uint16, 0 = no return; azimuth: (2, W) uint16, 0.01 degree; fired: (2, W) bool
         Raises SectionError if shapes do not fit or an azimuth is not below 36000.
@@ -70,10 +70,11 @@ class RangeHistory:
         self.native.remember(np.ascontiguousarray(ranges), azimuth, fired8, beam_rows(sensor))
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
-        """(64, W) uint16, the expected range of each cell of a frame, 0 where none is known.
+        """(64, W) uint16, the expected range of each cell of a frame, 0 if unknown.
 
-        motion: of the sensor since the stored ranges were measured; azimuth, fired: of the frame, as above
-        Raises SectionError as `remember` does.
+        motion: motion of the sensor since the stored ranges were measured; azimuth, fired: of the frame, as in
+        `remember`
+        Raises SectionError as `remember`.
         """
         azimuth, fired8 = _columns(azimuth, fired)
         expected: Ranges = self.native.expected(motion.numbers, azimuth, fired8, beam_rows(sensor))

@@ -1,4 +1,4 @@
-"""Reducers: which returns of a frame are sent. docs/reduction.md says which is for what."""
+"""Reducers choose the returns of a frame to send. docs/reduction.md explains when to use which."""
 
 from lidarcodec.reduction.base import Budget, Reducer, Reduction
 from lidarcodec.reduction.spread import best_of_cells

@@ -1,4 +1,4 @@
-"""The interface of reducers: a function of its state and a frame, which gives the frame with `keep` set.
+"""The interface of reducers: a reducer takes a frame and returns it with `keep` set. It may have state.
 
 >>> Budget(points=9000).of(110_000), Budget(fraction=0.25).of(110_000), Budget(points=9000).of(70)
 (9000, 27500, 70)
@@ -25,7 +25,7 @@ Cells = npt.NDArray[np.uint32]
 
 @dataclass(frozen=True)
 class Budget:
-    """How many returns of a frame are kept: a number, or a share; a twelfth if neither is given."""
+    """The number of returns to keep of a frame: a number, or a share; a twelfth if neither is given."""
 
     points: int | None = None
     fraction: float | None = None
@@ -42,7 +42,7 @@ class Reducer(ABC):
     """Takes the frames of a stream in order. The same frames after `reset` give the same result, on any machine.
 
     budget: how many returns are kept; may change between two frames
-    seed:   of the random choice between returns that are equally good
+    seed:   seed of random choices between equally good returns
     """
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
@@ -56,7 +56,7 @@ class Reducer(ABC):
         """Forget earlier frames."""
 
     def report(self) -> dict[str, Any]:
-        """What a status says about the reducer, besides its name and counts."""
+        """Further fields of the reducer in the status, besides its name and counts."""
         return {}
 
 
@@ -64,8 +64,8 @@ class Reduction(NamedTuple):
     """The entry of a reducer in the table: each file has one as `REDUCTION`.
 
     make:     makes a reducer from (budget, argument, seed)
-    argument: checks what follows the colon of its name, and raises ValueError with the reason; None: no argument
-    example:  an argument that pages offer and tests use; None: no argument
+    argument: checks the text after the colon in its name, and raises ValueError with the reason; None: no argument
+    example:  an argument for pages and tests; None: no argument
     budgeted: whether the reducer uses `keep_points` and `keep_fraction`
     note:     a warning for operators, shown in the status
     """

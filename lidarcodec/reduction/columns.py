@@ -1,4 +1,4 @@
-"""`columns:n`: every n-th column is sent. It costs the fewest bits for the keep mask, and is a simple baseline."""
+"""`columns:n`: every n-th column is sent. It needs the fewest bits for the keep mask, and is a simple baseline."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Columns(Reducer):
     """Keeps the first column of every n."""
 
     def reduce(self, frame: Frame) -> Frame:
-        """The frame with all returns of those columns."""
+        """The frame with all returns of the kept columns."""
         step = step_of(self.argument or "")
         if step == 1:
             return frame

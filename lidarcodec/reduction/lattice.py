@@ -1,6 +1,6 @@
-"""`lattice:n`: every n-th column is sent, beginning elsewhere in each frame, and the receiver fills in between.
+"""`lattice:n`: every n-th column is sent, with another first column in each frame. The receiver interpolates.
 
-For viewers: the same bits show more than `columns:n`, because a frame of so few columns is coded as a narrow frame.
+It is for viewers: the same bits show more than with `columns:n`, because the sent columns are coded as a narrow frame.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ def step_of(argument: str) -> int:
 class LatticeReducer(Reducer):
     """Keeps the columns of a lattice.
 
-    rolling: whether each frame begins at another column; not for codecs that refer to the picture before
+    rolling: whether each frame begins at another column; not for codecs that refer to the previous image
     """
 
     rolling = True
 
     def reduce(self, frame: Frame) -> Frame:
-        """The frame with all returns of those columns."""
+        """The frame with all returns of the kept columns."""
         return on_lattice(frame, step_of(self.argument or ""), rolling=self.rolling)
 
 

@@ -1,6 +1,7 @@
-"""Lots: random numbers that decide between returns that are equally good. The same on every machine.
+"""Lots: random numbers for choices between equally good returns. They are the same on every machine.
 
-A cell's lot is a hash of its place, the index of the frame and the seed: SplitMix64 (Steele, Lea and Flood 2014).
+The lot of a cell is a hash of its position, the index of the frame and the seed: SplitMix64 (Steele, Lea and Flood
+2014).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def drawn(cells: Cells, count: int, seed: int, frame_index: int) -> Cells:
 def exactly(chosen: Cells, others: Cells, count: int, seed: int, frame_index: int) -> Cells:
     """`count` cells: a random part of the chosen ones if they are too many, or all of them and random others.
 
-    others: may hold chosen ones; chosen and others together are `count` or more
+    others: may include chosen ones; chosen and others together are `count` or more
     """
     if len(chosen) >= count:
         return drawn(chosen, count, seed, frame_index)

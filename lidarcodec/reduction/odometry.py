@@ -1,7 +1,7 @@
 """The pose of the sensor at the start of each frame: from the poses of frames, or by registration with earlier frames.
 
-Chained motions drift by a percent or two. That is good enough for the second that a reducer looks back, and for nothing
-else. With poses it costs nothing; without them 7 ms a turn.
+Chained motions drift by one or two percent. That is enough for a reducer, which uses the last second, but not for other
+purposes. With poses it costs nothing, without poses 7 ms a turn.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.units import AZIMUTH_TURN
 
 LONGEST_GAP_NS: Final = 1_000_000_000
-"""Frames further apart than this are not related to each other."""
+"""Frames that are further apart are not related to each other."""
 CARRIED_NS: Final = 300_000_000
-"""How long the last motion is used when no new one is found, as in the part of a turn that ends a recording. A car that
-brakes hard is then off by a decimetre."""
+"""How long the last motion is used if no new one is found, for example in the incomplete turn at the end of a
+recording. If the car brakes hard, the error is a decimetre."""
 _MOST_SPEED_M_S: Final = 150.0
 _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
@@ -32,10 +32,10 @@ Kind = Literal["poses", "found", "carried", "unknown"]
 class Place(NamedTuple):
     """The pose of the sensor at the stamp of a frame, and its motion.
 
-    T_world_sensor: (4, 4); the world frame begins at the last frame whose place is not `sure`
-    per_turn: (4, 4), T_now_turn: from the sensor's frame a turn later to that of now
+    T_world_sensor: (4, 4); the world frame is the sensor's frame at the last place that is not `sure`
+    per_turn: (4, 4), T_now_turn: from the sensor's frame a turn later to its present frame
     turn_ns:  time of a turn
-    sure:     whether the place is known relative to the one before
+    sure:     whether the place is known relative to the previous one
     """
 
     T_world_sensor: Matrix
@@ -45,12 +45,12 @@ class Place(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether the place is known relative to that of the frame before."""
+        """Whether the place is known relative to that of the previous frame."""
         return self.kind != "unknown"
 
 
 class Odometry:
-    """Takes the frames of a stream in order. With poses it costs nothing; without, 7 ms a turn."""
+    """Gets the frames of a stream in order. With poses it costs nothing, without poses 7 ms a turn."""
 
     def __init__(self) -> None:
         self.reset()
@@ -109,7 +109,7 @@ class Odometry:
         if before is None or not known:
             return Place(np.eye(4), np.eye(4), self._turn_ns, "unknown")
         turns = passed_ns / self._turn_ns
-        whole = max(1, round(turns))  # in every direction the history is a whole number of turns old
+        whole = max(1, round(turns))  # the history is a whole number of turns old in every direction
         per_turn = found.motion.scaled(-1 / whole)
         step = found.motion.scaled(-turns / whole)
         if per_turn is None or step is None:
@@ -127,12 +127,12 @@ def _rigid(pose: Matrix) -> bool:
 
 
 def _swept(frame: Frame) -> int:
-    """Azimuth steps over which a frame turned."""
+    """Azimuth steps of a frame."""
     return int((np.diff(frame.azimuth[0].astype(np.int64)) % AZIMUTH_TURN).sum()) if frame.width else 0
 
 
 def _gap(before: Frame, frame: Frame) -> int:
-    """Azimuth steps from the last column of a frame to the first of the next."""
+    """Azimuth steps from the last column of a frame to the first column of the next."""
     if not (before.width and frame.width):
         return 0
     return (int(frame.azimuth[0, 0]) - int(before.azimuth[0, -1])) % AZIMUTH_TURN
@@ -141,7 +141,7 @@ def _gap(before: Frame, frame: Frame) -> int:
 def deskewing(frame: Frame, per_turn: Matrix) -> npt.NDArray[np.float32]:
     """(W, 12) float32, the transform of each column's points to the sensor's frame at the start of the frame.
 
-    A transform is a rotation row by row, each with its component of the shift; the speed is constant.
+    A transform is a rotation row by row, each row with its component of the shift. The velocity is constant.
     per_turn: (4, 4), T_now_turn
     """
     azimuth = frame.azimuth[0].astype(np.int64)
@@ -151,7 +151,7 @@ def deskewing(frame: Frame, per_turn: Matrix) -> npt.NDArray[np.float32]:
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     moved = np.empty((frame.width, 3, 4), np.float32)
     moved[:, :, :3] = np.eye(3)
-    x, y, z = (part * value for value in axis)  # rotations within a turn are small enough to be scaled linearly
+    x, y, z = (part * value for value in axis)  # rotations within a turn are small, so linear scaling is enough
     moved[:, 0, 1], moved[:, 0, 2], moved[:, 1, 2] = -z, y, -x
     moved[:, 1, 0], moved[:, 2, 0], moved[:, 2, 1] = z, -y, x
     moved[:, :, 3] = part[:, None] * shift

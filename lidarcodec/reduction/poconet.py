@@ -1,8 +1,9 @@
-"""`poconet`: drops returns that a network takes for seldom seen, mostly of cars, and samples the rest as `voxel` does.
+"""`poconet`: drops returns that a network predicts to be rarely seen, mostly on cars, and samples the rest like
+`voxel`.
 
-The network was trained on counts of observations, as those of PocoNet's authors. A localiser gains by dropping the low
-end of the counts, surfaces that were seen from few places. The rest should be spread evenly, and not chosen by score
-(docs/reduction.md). The network sees one frame only, so it may take a parked car for a moving one.
+The network was trained on counts of observations, like PocoNet. A localiser is more accurate without the lowest counts,
+which are surfaces seen from few places. The rest should be spread evenly, not chosen by score (docs/reduction.md). The
+network sees only one frame, so it cannot distinguish a parked car from a moving one.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from lidarcodec.reduction.score_network import scores_of
 from lidarcodec.reduction.spread import Spread, returns_of
 
 SELDOM: Final = -2.0
-"""Returns with a logit above this are dropped: a kept moving return costs more than many dropped still ones."""
+"""Returns with a larger logit are dropped. A kept moving return harms more than many dropped static ones."""
 NEAR_M: Final = 40.0
-"""Further returns are never dropped for their score: all their counts are low, and a localiser needs them."""
+"""Returns beyond this distance are never dropped for their score: their counts are always low, but a localiser needs
+them."""
 
 
 class Poconet(Reducer):
-    """Voxel sampling of the returns that are likely to be seen again."""
+    """Voxel sampling of returns that are probably seen again."""
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
         super().__init__(budget, argument, seed)
@@ -46,12 +48,12 @@ class Poconet(Reducer):
         return with_kept(frame, exactly(chosen, returns.cells, count, self.seed, frame.index))
 
     def reset(self) -> None:
-        """Forgets the side of the voxels."""
+        """Forget the size of the voxels."""
         self._spread.reset()
         self._left_out = 0
 
     def report(self) -> dict[str, Any]:
-        """`cell_m`: the side of the last frame's cells; `left_out`: its returns that were dropped."""
+        """`cell_m`: voxel size of the last frame; `left_out`: number of its dropped returns."""
         return {"cell_m": round(self._spread.side_m, 3), "left_out": self._left_out}
 
 

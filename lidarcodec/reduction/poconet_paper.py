@@ -1,8 +1,8 @@
 """`poconet-paper`: most of the budget for the highest scores, and the rest for the ground, as in the paper.
 
-The paper does not give the shares; here they are 85 % by score and 15 % random returns of the ground. It is here for
-comparison: returns with high scores are adjacent, so a localiser fails (docs/reduction.md). The scores are those of
-the small network of `poconet`, because PocoNet itself is too slow for a vehicle.
+The paper does not give the shares; here they are 85 % by score and 15 % random returns of the ground. This reducer
+exists for comparison: returns with high scores are adjacent, so a localiser fails (docs/reduction.md). The scores come
+from the small network of `poconet`, because PocoNet itself is too slow for a vehicle.
 """
 
 from __future__ import annotations

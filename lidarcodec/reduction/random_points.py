@@ -1,4 +1,4 @@
-"""`random`: random returns, by the seed and the index of the frame. The baseline for other reducers."""
+"""`random`: random returns, from the seed and the index of the frame. It is the baseline for other reducers."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from lidarcodec.settings import AUTO, StreamSettings
 
 
 class Reducing:
-    """Holds the reducer that the settings name.
+    """Has the reducer of the settings.
 
     Raises SettingsError if there is no such reducer.
     """
 
     def __init__(self, settings: StreamSettings, before: Reducing | None = None) -> None:
-        """before: that of the settings before; with another budget alone a reducer keeps its state."""
+        """before: the object for the previous settings; if only the budget changes, the reducer keeps its state"""
         self._name, self._budget = settings.reduction, budget_of(settings)
         goes_on = before is not None and before._name == self._name
         self._reducer: Reducer = before._reducer if before is not None and goes_on else make_reducer(settings)
@@ -37,8 +37,8 @@ class Reducing:
         return reduced
 
     def report(self) -> dict[str, Any] | None:
-        """What a status says: the name, `returns` of the last frame and `kept` of them (null before the first), what
-        the reducer adds, and a `note` if it has one; None where all returns are sent."""
+        """For the status: the name, `returns` of the last frame and `kept` of them (null before the first frame),
+        further fields of the reducer, and its `note` if it has one; None if all returns are sent."""
         if self._name in (AUTO, "all"):
             return None
         note = note_of(self._name)

@@ -1,13 +1,14 @@
 """ScoreImage: a frame as the input image of the score network, with rows aligned by direction.
 
-The lasers of one firing look up to 18 degrees apart, so each cell goes to the column of its laser's direction: 2048
-columns a turn (a slab has as many as it sweeps, in steps of 16). If a pixel has several returns, the last one is in the
-image, and all of them get its scores. Six channels, (6, 64, C) float32, zeros where there is no return:
+The lasers of one firing point up to 18 degrees apart, so each cell goes to the column of its laser's direction. A turn
+has 2048 columns; a slab has a part of them, in steps of 16. If several returns belong to a pixel, the last one is in
+the
+image, and all of them get its scores. Six channels, (6, 64, C) float32, zeros without a return:
 
     0  log(1 + range) / 2 - 1         1  height / 4 + 1/4          2  intensity / 255
     3  1                              4  step to the next column   5  gradient to the next row, -1 down ... 1 up
 
-The step is that of the horizontal distance, divided by 0.1 m plus 1 % of it, within -2 to 2. The gradient is
+The step is the change of the horizontal distance, divided by 0.1 m plus 1 % of it, within -2 to 2. The gradient is
 dz / (|dz| + |d distance|): 0 on a road, 1 or -1 on a wall. Cost: 8 ms for a turn.
 """
 
@@ -28,22 +29,22 @@ CHANNELS: Final = 6
 PATCH: Final = (2, 4)
 """Rows and columns of a patch. The first layer reads whole patches; the output has their pixels as channels."""
 MULTIPLE: Final = 16
-"""Width of a patch times two halvings."""
+"""Width of a patch times 4, for two halvings."""
 _MARGIN: Final = 1200
-"""12 degrees beside a slab: lasers look beside the azimuth of their firing."""
+"""Margin of a slab, 12 degrees, because lasers point beside the azimuth of their firing."""
 
 Floats = npt.NDArray[np.float32]
 
 
 class ScoreImage(NamedTuple):
-    """features: (6, 64, C) float32; pixel: (N,) intp, where in a (64, C) image each of the cells asked for is seen."""
+    """features: (6, 64, C) float32; pixel: (N,) intp, index in a (64, C) image for each requested cell"""
 
     features: Floats
     pixel: npt.NDArray[np.intp]
 
 
 class _Rows(NamedTuple):
-    """Per-ring numbers, (64, 1) each."""
+    """Values for each ring, (64, 1) each."""
 
     half: npt.NDArray[np.intp]
     turned: npt.NDArray[np.int32]  # hundredths of a degree
@@ -74,8 +75,8 @@ def _logarithms(step_m: float) -> Floats:
 
 
 def score_image(frame: Frame, cells: npt.NDArray[Any] | None = None) -> ScoreImage:
-    """The image of a frame's returns. cells: (N,) row * W + column of returns; all valid ones in rising order by
-    default."""
+    """The image of a frame's returns. cells: (N,) row * W + column of the requested returns; by default all valid ones
+    in ascending order"""
     rows = _rows(frame.sensor)
     begin, columns = _sweep(frame)
     turn = (frame.azimuth[rows.half].astype(np.int32) - (rows.turned + begin)) % AZIMUTH_TURN
@@ -102,7 +103,7 @@ def score_image(frame: Frame, cells: npt.NDArray[Any] | None = None) -> ScoreIma
 
 
 def _add_shape(image: Floats, far: Floats) -> None:
-    """Channels 4 and 5 from the horizontal distances and the heights; the heights are scaled then."""
+    """Add channels 4 and 5 from the horizontal distances and the heights, then scale the heights."""
     height, seen = image[1], image[3]
     step = np.roll(far, -1, axis=1) - far
     image[4] = np.clip(step / (np.float32(0.1) + np.float32(0.01) * far), -2, 2) * (seen * np.roll(seen, -1, axis=1))
@@ -124,7 +125,9 @@ def _sweep(frame: Frame) -> tuple[int, int]:
 
 
 def unpatched(patches: Floats) -> Floats:
-    """(K, 64, C) from (K * 8, 32, C / 4): the pixels of a patch, row by row, were channels of each of the K values."""
+    """(K, 64, C) from (K * 8, 32, C / 4): for each of the K values, the channels are the pixels of a patch, row by
+    row.
+    """
     rows, columns = PATCH
     channels, height, width = patches.shape
     values = patches.reshape(channels // (rows * columns), rows, columns, height, width)

@@ -1,7 +1,8 @@
-"""ScoreNetwork: scores of each return by the bundled network, in one thread: 12 ms, and 6 ms for the image.
+"""ScoreNetwork: scores of each return from the bundled network, in one thread: 12 ms, and 6 ms for the image.
 
-`poconet.onnx` is ScoreNet (lidarcodec/training/nets), 0.1 M weights, trained on simulated drives only; `about` names
-them. The reducer sends the keep mask, so a decoder needs neither the network nor onnxruntime.
+`poconet.onnx` is ScoreNet (lidarcodec/training/nets) with 0.1 M weights, trained only on simulated drives; `about`
+lists
+them. The keep mask is sent, so a decoder needs neither the network nor onnxruntime.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ Floats = npt.NDArray[np.float32]
 
 
 class Scores(NamedTuple):
-    """(N,) float32 each: logits of the classes, of the rank of the count (higher: seen more often), and of being seen
-    seldom, as moving objects are."""
+    """(N,) float32 each: logits of the classes, of the rank of the count (higher: seen more often), and of being rarely
+    seen, like moving objects."""
 
     low: Floats
     high: Floats
@@ -32,12 +33,12 @@ class Scores(NamedTuple):
 
     @property
     def is_ground(self) -> npt.NDArray[np.bool_]:
-        """(N,) bool, whether ground is the likeliest class."""
+        """(N,) bool, whether ground is the most probable class."""
         return (self.ground > self.low) & (self.ground > self.high)
 
     @property
     def high_odds(self) -> Floats:
-        """(N,) float32, logit of being high: rises with its probability."""
+        """(N,) float32, logit of the class high; it increases with the probability."""
         odds: Floats = self.high - np.logaddexp(self.low, self.ground)
         return odds
 

@@ -1,7 +1,8 @@
-"""Spread: voxel sampling, with the side of the voxels that meets a budget. All good reducers end with it.
+"""Spread: voxel sampling with the voxel size that fits a budget. All good reducers use it as their last step.
 
-A localiser does not care which return of a voxel is kept (docs/reduction.md). So it is the cheapest one to send: on the
-coarsest lattice of directions, then the first in range-image order. A reducer with scores keeps the best one.
+For a localiser it does not matter which return of a voxel is kept (docs/reduction.md). So the cheapest return is kept:
+the one on the coarsest lattice of directions, then the first one in the range image. A reducer with scores keeps the
+return with the best score.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from lidarcodec.reduction.lots import exactly, lots
 
 LENGTHS_PER_M: Final = 16_000
 START_SIDE: Final = LENGTHS_PER_M // 2
-"""Where the first search for a side begins: half a metre."""
+"""Start of the first search for a voxel size: half a metre."""
 
 SPARE: Final = 20
-"""The search may give one voxel in so many too many. The returns that cost most to send are then dropped."""
+"""The search may give too many voxels, by one in so many. Then the most expensive returns are dropped."""
 
 Mask = npt.NDArray[np.bool_]
 
 
 class Returns(NamedTuple):
-    """The returns of a frame in range-image order; N of them.
+    """The N returns of a frame, in the order of the range image.
 
     xyz: (N, 3) int32, 1/16 mm, x forward, y left, z up; cells: (N,) uint32, row * W + column
     """
@@ -38,12 +39,12 @@ class Returns(NamedTuple):
     cells: Cells
 
     def only(self, chosen: Mask) -> Returns:
-        """Some of them. chosen: (N,) bool."""
+        """A part of the returns. chosen: (N,) bool"""
         return Returns(self.xyz[chosen], self.cells[chosen])
 
 
 def returns_of(frame: Frame) -> Returns:
-    """The returns of a frame that are not dropped yet; 1.2 ms for 110,000."""
+    """The returns of a frame that are still kept; 1.2 ms for 110,000."""
     if not frame.sensor.is_hdl64e:
         cells = np.flatnonzero(frame.valid).astype(np.uint32)
         return Returns(points_of(frame, cells, LENGTHS_PER_M), cells)
@@ -53,15 +54,15 @@ def returns_of(frame: Frame) -> Returns:
 
 
 class Lattice(NamedTuple):
-    """order: (N,) uint32, places of the returns, those first that cost least to send; level: (N,) uint8 of each return,
-    0 to 27: how fine the lattice of directions is that it lies on, and then that of rows."""
+    """order: (N,) uint32, indices of the returns, cheapest first; level: (N,) uint8, 0 to 27, the fineness of the
+    lattice of directions, then of rows, for each return"""
 
     order: npt.NDArray[np.uint32]
     level: npt.NDArray[np.uint8]
 
 
 def lattice_of(returns: Returns, frame: Frame) -> Lattice:
-    """What each of the returns costs to send."""
+    """The cost to send each return, as order and level."""
     if not frame.sensor.is_hdl64e:
         level = levels_of(returns.cells, frame.width)
         return Lattice(np.argsort(level, kind="stable").astype(np.uint32), level)
@@ -70,33 +71,33 @@ def lattice_of(returns: Returns, frame: Frame) -> Lattice:
 
 
 def score_order(returns: Returns, scores: npt.NDArray[np.floating], frame: Frame, seed: int) -> npt.NDArray[np.uint32]:
-    """(N,) uint32, places of the returns, the best score first; equal ones by lot. scores: (N,) of the returns."""
+    """(N,) uint32, indices of the returns, best score first; equal scores in random order. scores: (N,)"""
     scores = np.nan_to_num(scores.astype(np.float64), nan=-np.inf)
     by_lot = lots(returns.cells, seed, frame.index)
     return np.lexsort((by_lot, -scores)).astype(np.uint32)
 
 
 class Spread:
-    """Voxel sampling. The search for a side begins with that of the last frame, so it is short."""
+    """Voxel sampling. The search for a voxel size begins with that of the last frame, so it is short."""
 
     def __init__(self, seed: int = DEFAULT_SEED) -> None:
         self.seed = seed
         self._side = START_SIDE
 
     def reset(self) -> None:
-        """The next search begins with half a metre."""
+        """Begin the next search with half a metre."""
         self._side = START_SIDE
 
     @property
     def side_m(self) -> float:
-        """Side of the voxels of the last frame."""
+        """Voxel size of the last frame."""
         return self._side / LENGTHS_PER_M
 
     def choose(self, returns: Returns, count: int, frame: Frame, order: npt.NDArray[np.uint32] | None = None) -> Cells:
-        """Cells of exactly `count` of the returns, (count,) uint32, or of all if there are fewer; 4 ms for 110,000.
+        """Cells of exactly `count` returns, (count,) uint32, or of all if there are fewer; 4 ms for 110,000.
 
-        order: places of the returns; the first one of a voxel is kept, and random ones are dropped if they are too
-        many. By default the returns that cost least to send are kept, in a voxel and among the voxels.
+        order: indices of the returns; the first one of each voxel is kept, and random ones are dropped if there are too
+        many. By default the cheapest returns are kept, within a voxel and among the voxels.
         """
         if count >= len(returns.cells):
             return returns.cells
@@ -125,11 +126,13 @@ def best_of_cells(
 ) -> Cells:
     """Cells of exactly `count` returns, by score, at most one in a small voxel; all if there are fewer returns.
 
-    Voxel sampling keeps the best score of each voxel, `over` * `count` returns; the best `count` of them are chosen.
-    With `over` 1 scores decide within voxels only. If `ground` is given, it gets its share of the budget and is chosen
-    in the same way. If one part has too few returns, the other gets more.
+    Voxel sampling keeps the return with the best score of each voxel, `over` * `count` returns; the best `count` of
+    them
+    are chosen. With `over` 1 scores decide only within voxels. If `ground` is given, it gets its share of the budget
+    and
+    is chosen in the same way. If one part has too few returns, the other gets more.
 
-    scores: (64, W) of any floating type, of returns; NaN is the worst. ground: (64, W) bool
+    scores: (64, W) of any floating type; NaN is the worst score. ground: (64, W) bool
     """
     returns = returns_of(frame)
     count = min(count, len(returns.cells))

@@ -1,4 +1,4 @@
-"""The reducers by name. Modules are named as text and imported on first use; a new one is one file and one line here.
+"""The reducers by name. Modules are imported at first use. A new reducer is one file and one line here.
 
 >>> from lidarcodec.settings import StreamSettings
 >>> make_reducer(StreamSettings(reduction="columns:4")).argument
@@ -18,7 +18,7 @@ from lidarcodec.settings import StreamSettings
 
 
 class Entry(NamedTuple):
-    """module: what offers `REDUCTION`; package: what it needs, if the core does not; extra: brings the package"""
+    """module: module with `REDUCTION`; package: a package that only it needs; extra: the extra with this package"""
 
     module: str
     package: str | None = None
@@ -39,7 +39,7 @@ _TABLE: Final = {
 
 
 def names() -> tuple[str, ...]:
-    """Names of all reducers that are installed; `columns` and `lattice` take a number, as `lattice:4`."""
+    """Names of all installed reducers. `columns` and `lattice` need a number, as in `lattice:4`."""
     return tuple(name for name in _TABLE if _is_offered(name))
 
 
@@ -49,7 +49,7 @@ def _is_offered(name: str) -> bool:
 
 
 def entries() -> dict[str, Entry]:
-    """The table: entries by name."""
+    """The table entries by name."""
     return dict(_TABLE)
 
 
@@ -77,7 +77,7 @@ def _parts(text: str) -> tuple[str, str | None]:
 
 
 def check(settings: StreamSettings) -> StreamSettings:
-    """The settings themselves, if there is such a reduction and it takes the budget that they set.
+    """The settings themselves, if their reduction exists and their budget applies to it.
 
     Raises SettingsError with the field and the reason.
     """
@@ -101,21 +101,21 @@ f"choose one of {able}", field)  # fmt: skip
 
 
 def make_reducer(settings: StreamSettings, seed: int = DEFAULT_SEED) -> Reducer:
-    """A new reducer.
+    """Make a reducer.
 
-    Raises as `check` does.
+    Raises the errors of `check`.
     """
     name, argument = _parts(check(settings).reduction)
     return reduction(name).make(budget_of(settings), argument, seed)
 
 
 def budget_of(settings: StreamSettings) -> Budget:
-    """The budget that settings set."""
+    """The budget in the settings."""
     return Budget(settings.keep_points, settings.keep_fraction)
 
 
 def example_of(name: str) -> str:
-    """A setting `reduction` that names this reducer: `columns:4` of `columns`, `voxel` of `voxel`.
+    """A value of the setting `reduction` for this reducer: `columns:4` for `columns`, `voxel` for `voxel`.
 
     Raises SettingsError.
     """
@@ -124,5 +124,5 @@ def example_of(name: str) -> str:
 
 
 def note_of(name: str) -> str | None:
-    """The warning for operators about a reduction; name: with its argument, if it has one. None: there is none."""
+    """The warning for operators about a reduction; None if there is none. name: with its argument, if it has one"""
     return reduction(_parts(name)[0]).note

@@ -1,6 +1,6 @@
-"""Thinning: what of a frame a target bitrate has bits for, by the purpose of its stream.
+"""Thinning: chooses the part of a frame that fits a target bitrate, by the purpose of the stream.
 
-`localise` sends the returns that a localiser needs, as the reducer `voxel-seen`; all others columns of a lattice.
+With purpose `localise` the reducer `voxel-seen` chooses the returns. With all others columns of a lattice are sent.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from lidarcodec.reduction.table import note_of, reduction
 from lidarcodec.settings import AUTO, Purpose, StreamSettings
 
 REDUCERS: Final[dict[Purpose, str]] = {"localise": "voxel-seen"}
-"""Purposes that have a reducer of their own."""
+"""Purposes with a special reducer."""
 
 
 class Thinning:
-    """Thins the frames of one stream, in order; not where a reduction is set.
+    """Thins the frames of one stream, in order. It does nothing if the settings have a reduction.
 
-    before: that of this stream under other settings; what it knows goes on where the reducer stays
+    before: the object for the previous settings; its state is kept if the reducer stays
     """
 
     def __init__(self, settings: StreamSettings, before: Thinning | None = None) -> None:
@@ -36,9 +36,9 @@ class Thinning:
             self._reducer = reduction(self._name).make(Budget(), None, DEFAULT_SEED)
 
     def thin(self, frame: Frame, step: int) -> Frame:
-        """The frame of which about one return in `step` is kept.
+        """The frame with about one return in `step` kept.
 
-        The same frame again, at another step, stays as it was the first time where a reducer remembers what it saw.
+        If the same frame comes again with another step, a reducer with state does not count it as a new frame.
         """
         if self._reducer is None:
             return on_lattice(frame, step, rolling=codec(self._settings.codec).rolling)
@@ -50,7 +50,7 @@ class Thinning:
         return thin
 
     def report(self) -> dict[str, Any] | None:
-        """As of `Reducing`; None where columns of a lattice are sent."""
+        """As `Reducing.report`; None if columns of a lattice are sent."""
         if self._name is None or not self._last:
             return None
         about = {"name": self._name, **self._last}

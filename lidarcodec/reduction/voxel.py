@@ -1,7 +1,8 @@
-"""`voxel`: one return in each cubic voxel, whose side fits the budget. It takes 4 ms, and no network does much better.
+"""`voxel`: keeps one return in each cubic voxel, with a voxel size that fits the budget. It takes 4 ms, and no network
+does much better.
 
-Near surfaces, of which the sensor takes thousands of returns that say the same, give up most of them; far ones, which
-hold a localiser from afar, keep theirs.
+Near surfaces have thousands of redundant returns and lose most of them. Far surfaces, which a localiser needs, keep
+their returns.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Voxel(Reducer):
         self._spread.reset()
 
     def report(self) -> dict[str, Any]:
-        """`cell_m`: the side of the last frame's voxels."""
+        """`cell_m`: voxel size of the last frame."""
         return {"cell_m": round(self._spread.side_m, 3)}
 
 

@@ -1,11 +1,11 @@
-"""`voxel-seen`: drops returns on surfaces that earlier scans did not see, and samples the rest as `voxel` does.
+"""`voxel-seen`: drops returns on surfaces that earlier scans did not see, and samples the rest like `voxel`.
 
 The scans of 0.5 s and 0.9 s ago are compared with the frame. A return is dropped if it is nearer than 40 m, not on the
-ground, and no return of these scans is near it. Its surface moves, or has just come into view. The first misleads a
-localiser, and it does not need the second. This is a causal form of PocoNet's observation count, how often a point of
-the map is seen.
+ground, and no return of these scans is near it. Its surface moves, or has just become visible. A moving surface
+misleads a localiser, and a new surface is not needed. This is a causal form of PocoNet's observation count (how often a
+point of the map is seen).
 
-It removes moving cars and people, so it is for localisation only, never for streams for people or for detectors.
+It removes moving cars and people, so it is only for localisation, never for human viewers or detectors.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from lidarcodec.reduction.odometry import Matrix, Odometry, deskewing
 from lidarcodec.reduction.spread import Returns, Spread, returns_of
 
 LAGS_NS: Final = (500_000_000, 900_000_000)
-"""Ages of the scans of which one must have seen a return."""
+"""Ages of the earlier scans; one of them must have seen a return."""
 _SLACK_NS: Final = 200_000_000
-"""A scan may be this much younger or older, if frames were left out."""
+"""A scan may be this much younger or older, if frames were skipped."""
 _KEPT_NS: Final = LAGS_NS[-1] + _SLACK_NS
 _MOST_SCANS: Final = 4096
 
@@ -39,7 +39,7 @@ class _Scan(NamedTuple):
 
 
 class VoxelSeen(Reducer):
-    """Voxel sampling of returns that were seen before; others are kept only if the budget has room for them."""
+    """Voxel sampling of returns that were seen before; others are kept only if the budget is large enough."""
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
         super().__init__(budget, argument, seed)
@@ -69,9 +69,9 @@ class VoxelSeen(Reducer):
         return with_kept(frame, chosen)
 
     def report(self) -> dict[str, Any]:
-        """`cell_m` as of `voxel`; `odometry`: `poses`, `found` (on board) or `unknown`; `seen_before`: whether scans
-        of that time ago were there to look at, else it chose as `voxel` does; `unseen`: returns of the last frame that
-        were put last."""
+        """`cell_m` as in `voxel`; `odometry`: `poses`, `found` (by registration) or `unknown`; `seen_before`: whether
+        there were scans of these ages, otherwise it chose like `voxel`; `unseen`: returns of the last frame that no
+        earlier scan saw."""
         return {
             "cell_m": round(self._spread.side_m, 3),
             "odometry": self._kind,
@@ -80,7 +80,7 @@ class VoxelSeen(Reducer):
         }
 
     def _unseen(self, frame: Frame, returns: Returns) -> npt.NDArray[np.bool_]:
-        """(N,) bool, returns on what was not there before; none where that is not known."""
+        """(N,) bool, returns on surfaces that were not seen before; none if this is unknown."""
         place = self._odometry.next(frame)
         self._kind = place.kind
         if not place.sure:
@@ -102,7 +102,7 @@ class VoxelSeen(Reducer):
         return found.view(np.bool_)
 
     def _at_lags(self, now_ns: int, turn_ns: int) -> list[_Scan]:
-        """Scans of those times ago: what was seen in a turn around each, or the nearest; empty if one has none."""
+        """The scans of these ages: the turn around each age, or the nearest scan; empty if one is missing."""
         chosen: list[_Scan] = []
         for lag_ns in LAGS_NS:
             off = [abs(now_ns - lag_ns - scan.stamp_ns) for scan in self._scans]
