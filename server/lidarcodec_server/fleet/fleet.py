@@ -39,7 +39,7 @@ class Stream:
 
     settings: settings in force, None before the vehicle reported any;  status: its last status
     came_s, status_s, answer_s: monotonic times at which the stream was accepted, of its last status, and of the last
-    answer to a change
+                                answer to a change
     kbps: sent bitrate in kbit/s from the statuses of the last minute, one a second, oldest first
     """
 
