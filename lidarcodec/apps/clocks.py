@@ -7,7 +7,8 @@ the next answer.
 
 >>> offset = ClockOffset()
 >>> offset.answered(asked_ns=1_000_000, told_ns=6_000_000, answered_ns=3_000_000, monotonic_s=0.0)
->>> offset.offset_ms(0.0), offset.bound_ms(0.0) (4.0, 1.0)
+>>> offset.offset_ms(0.0), offset.bound_ms(0.0)
+(4.0, 1.0)
 """
 
 from __future__ import annotations

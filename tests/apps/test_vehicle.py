@@ -123,7 +123,7 @@ def test_all_sensors_share_one_session_and_stop_soon_when_it_cannot_be_opened():
         ("sensors: [{name: a, source: x, rate: 0}]", "sensors.0.rate"),
         ("sensors: [{name: a, source: x}, {name: a, source: y}]", "two sensors have the name 'a'"),
         ("sensors: [{name: a, source: x, record: {folder: d, gb: -1}}]", "sensors.0.record.gb"),
-        ("[1, 2]", "holds no fields"),
+        ("[1, 2]", "has no fields"),
         ("a: [", "is not YAML"),
         ("[" * 5000, "nested more than 16 deep"),
         ("sensors: !!python/object/apply:os.system ['true']", "anchors or tags"),

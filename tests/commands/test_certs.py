@@ -106,8 +106,8 @@ def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"vehicles": ["car-7"]}, "nobody would listen"),
-        ({}, "nobody would listen"),
+        ({"vehicles": ["car-7"]}, "no party listens"),
+        ({}, "no party listens"),
         ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is already used"),
         ({"routers": ["a"], "viewers": ["router"]}, "name is already used"),
         ({"routers": ["a"], "vehicles": ["playback-1"]}, "are reserved for playbacks"),
@@ -179,7 +179,7 @@ def test_files_of_others_are_left_and_said(tmp_path, capsys):
 
 def test_a_file_of_others_is_not_replaced(tmp_path):
     (tmp_path / "vehicle-x.json5").write_text("hello")
-    with pytest.raises(SettingsError, match="is not of this deployment"):
+    with pytest.raises(SettingsError, match="does not belong to this deployment"):
         make(tmp_path, ["hub.example"], ["x"])
     assert (tmp_path / "vehicle-x.json5").read_text() == "hello"
     (tmp_path / "vehicle-x.json5").unlink()
@@ -270,7 +270,7 @@ def test_a_renewal_says_how_long_the_older_certificate_stays_valid(tmp_path, cap
     assert f"an older certificate of anna stays valid until {until}" in capsys.readouterr().out
     make(tmp_path)
     assert "older certificate" not in capsys.readouterr().out
-    with pytest.raises(SettingsError, match="choose one"):
+    with pytest.raises(SettingsError, match="use only one"):
         make(tmp_path, [], [], ["anna"], remove=["anna"])
 
 

@@ -207,7 +207,7 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
         (["out.pcap", "--to", "rosbag"], "--to rosbag does not fit"),
         (["out.mcap", "--to", "bag"], "choose one of pcap, recording, packets, rosbag"),
         (["out.pcap", "--codec", "zstd"], "original packets"),
-        (["out.pcap", "--with-clouds"], "holds packets only"),
+        (["out.pcap", "--with-clouds"], "holds only packets"),
         (["out.mcap", "--topic", "/a"], "are for rosbags"),
         (["bag", "--topic", "a b"], "is not a ROS name"),
         (["out.mcap", "--set", "max_error_m=-1"], "max_error_m"),

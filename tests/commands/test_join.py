@@ -217,7 +217,7 @@ def test_captures_are_joined_record_by_record_with_their_calibration(drive: Path
     assert not out.exists()
     (tmp_path / "second_db.xml").write_text("another")
     refused = run_here("join", first, second, tmp_path / "no.pcap")
-    assert (refused.returncode, "another calibration" in the_one_line(refused)) == (2, True)
+    assert (refused.returncode, "differ: the captures" in the_one_line(refused)) == (2, True)
     (tmp_path / "text.pcap").write_text("no capture at all, but long enough")
     assert run_here("join", first, tmp_path / "text.pcap", tmp_path / "no.pcap").returncode == 1
     assert not (tmp_path / "no.pcap").exists()

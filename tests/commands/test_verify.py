@@ -123,5 +123,5 @@ def test_bench_that_is_stopped_prints_what_it_has_and_that_there_is_more(drive: 
     assert result.returncode == 143
     assert [entry.get("codec") for entry in found] == ["raw", None]
     assert found[-1] == {"complete": False, "interrupted": True, "done": 1, "wanted": 3}
-    assert "1 of 3 settings were measured" in result.stderr
+    assert "has only 1 of 3 settings" in result.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["bench.partial.png"]
