@@ -1,0 +1,262 @@
+"""Keeper: decides who may connect, go on to Zenoh, and stay. One thread; nothing in it grows without a limit."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from typing import Any, Final
+
+from lidarcodec.gate.addresses import Address, Addresses, address_of
+from lidarcodec.gate.limits import Bucket, Limits
+from lidarcodec.gate.passage import READ, Passage, Stage
+from lidarcodec.gate.records import Progress
+
+ACCEPTED_AT_ONCE: Final = 64
+LOOK_S: Final = 0.25
+REFUSED: Final = (
+    "barred",
+    "too_many_new",
+    "too_many_unfinished",
+    "too_many_open",
+    "no_hello",
+    "not_tls",
+    "late",
+    "no_session",
+    "unreachable",
+)
+"""Causes for which a connection is refused or ended before it has a session."""
+
+
+class Keeper:
+    """Takes connections from listeners, and passes them to ports of this machine."""
+
+    def __init__(self, listeners: list[tuple[socket.socket, int]], limits: Limits, clock: Callable[[], float]) -> None:
+        """listeners: sockets that listen, each with Zenoh's port behind it"""
+        self._limits, self._clock = limits, clock
+        self.selector = selectors.DefaultSelector()
+        self._addresses = Addresses(limits)
+        now_s = clock()
+        burst, rate = limits.failing_burst, limits.failing_rate
+        self._failing = {known: Bucket(burst, rate, now_s) for known in (False, True)}
+        self._unfinished: OrderedDict[int, Passage] = OrderedDict()
+        self._waiting: dict[int, Passage] = {}
+        self._shaking: dict[int, Passage] = {}
+        self._open: dict[int, Passage] = {}
+        self._look = False
+        """Whether a connection that waits may perhaps go on."""
+        self._turn, self._looked_s = 0, now_s
+        self.refused: Counter[str] = Counter(dict.fromkeys(REFUSED, 0))
+        self._totals: Counter[str] = Counter()
+        self.last_barred: str | None = None
+        for listener, port in listeners:
+            listener.setblocking(False)
+            self.selector.register(listener, READ, lambda _, one=listener, port=port: self._accept(one, port))
+
+    def run_once(self, wait_s: float = LOOK_S) -> None:
+        """Wait for something to do, at most so long, and do it."""
+        for key, events in self.selector.select(wait_s):
+            if self.selector.get_map().get(key.fd) is key:  # not closed by what came before it
+                key.data(events)
+        now_s = self._clock()
+        if now_s - self._looked_s >= LOOK_S:
+            self._looked_s = now_s
+            self._end_late(now_s)
+            self._look = True
+        if self._look and self._waiting:
+            self._admit(now_s)
+        self._look = False
+
+    def state(self) -> dict[str, Any]:
+        """Counts for a status; docs/live.md lists them."""
+        return {
+            "open": len(self._open),
+            "unfinished": len(self._unfinished),
+            "waiting": len(self._waiting),
+            "barred": self._addresses.barred(self._clock()),
+            "sessions": self._totals["sessions"],
+            "failed": self._totals["failed"],
+            "refused": dict(self.refused),
+            "bytes_in": self._totals["bytes_in"] + sum(one.to_zenoh for one in self._open.values()),
+            "bytes_out": self._totals["bytes_out"] + sum(one.to_client for one in self._open.values()),
+            "last_barred": self.last_barred,
+        }
+
+    def close(self) -> None:
+        """End all connections."""
+        for one in [*self._unfinished.values(), *self._open.values()]:
+            one.close()
+        self.selector.close()
+
+    def _accept(self, listener: socket.socket, port: int) -> None:
+        for _ in range(ACCEPTED_AT_ONCE):
+            try:
+                client, where = listener.accept()
+            except OSError:  # none is left, it has gone already, or there are no handles
+                return
+            now_s = self._clock()
+            address = self._addresses.seen(address_of(where[0]), now_s)
+            cause = self._refusal(address, now_s)
+            if cause is not None:
+                self.refused[cause] += 1
+                _drop(client)
+                continue
+            client.setblocking(False)
+            passage = Passage(self.selector, client, address, port, now_s, self._changed)
+            self._unfinished[id(passage)] = passage
+            address.unfinished += 1
+
+    def _refusal(self, address: Address, now_s: float) -> str | None:
+        """Why an address may not have one more connection; makes room for it if it may."""
+        limits = self._limits
+        if address.barred(now_s) and not (address.known(now_s) and address.trickle.take(now_s)):
+            return "barred"
+        if not address.new.take(now_s):
+            return "too_many_new"
+        if address.open >= limits.open_address or len(self._open) >= limits.open:
+            return "too_many_open"
+        if address.unfinished >= limits.unfinished_address and not self._push_out(address):
+            return "too_many_unfinished"
+        if len(self._unfinished) >= limits.unfinished:
+            greediest = self._addresses.greediest()
+            if greediest is None or greediest.unfinished <= 1 or not self._push_out(greediest):
+                oldest = next((one for one in self._unfinished.values() if one.stage is Stage.HELLO), None)
+                if oldest is None:
+                    return "too_many_unfinished"
+                self._end(oldest, "too_many_unfinished")
+        return None
+
+    def _push_out(self, address: Address) -> bool:
+        """End the oldest connection of an address that has sent no whole ClientHello; clients of Zenoh send it at once.
+
+        Returns whether there was one.
+        """
+        silent = (one for one in self._unfinished.values() if one.stage is Stage.HELLO)
+        oldest = next((one for one in silent if one.address is address), None)
+        if oldest is None:
+            return False
+        self._end(oldest, "too_many_unfinished")
+        return True
+
+    def _admit(self, now_s: float) -> None:
+        """Let connections go on to Zenoh: those of known addresses, and of all others, each while so few handshakes are
+        under way or failed that Zenoh gets over it. The address that had a turn longest ago goes first."""
+        for one in sorted(self._waiting.values(), key=lambda one: one.address.turn):
+            address = one.address
+            known = address.known(now_s)
+            if address.at_zenoh >= self._limits.at_once or not self._has_room(address):
+                continue
+            if not self._failing[known].take(now_s):
+                continue
+            self._turn += 1
+            address.turn = self._turn
+            address.at_zenoh += 1
+            address.shaking += 1
+            del self._waiting[id(one)]
+            self._shaking[id(one)] = one
+            one.counts_as_failing, one.known = True, known
+            try:
+                one.connect(now_s)
+            except OSError:
+                self._end(one, "unreachable")
+
+    def _has_room(self, address: Address) -> bool:
+        """Whether one more connection may be with Zenoh; makes room at the cost of an address that has more there."""
+        if len(self._shaking) < self._limits.pending:
+            return True
+        greediest = max((one.address for one in self._shaking.values()), key=lambda one: one.shaking)
+        if greediest.shaking <= address.shaking + 1:
+            return False
+        self._end(next(one for one in self._shaking.values() if one.address is greediest), "no_session")
+        return True
+
+    def _changed(self, passage: Passage, cause: str | None) -> None:
+        """A connection made progress, or must be closed."""
+        now_s = self._clock()
+        if cause is not None:
+            return self._end(passage, cause)
+        if passage.counts_as_failing and passage.left:
+            return self._end(passage, "left")
+        if passage.ending and passage.ended_s is None:
+            passage.ended_s = now_s
+        if passage.stage is Stage.WAITING:
+            passage.hello_s = now_s
+            self._waiting[id(passage)] = passage
+            self._look = True
+        progress = passage.progress
+        if progress is None or passage.stage is not Stage.SHAKING:
+            return None
+        if progress.turns and passage.counts_as_failing:
+            self._trust(passage)
+        if progress.turns >= Progress.SESSION:
+            self._opened(passage, now_s)
+        return None
+
+    def _trust(self, passage: Passage) -> None:
+        """TLS stands: what it took of Zenoh's patience is given back."""
+        passage.counts_as_failing = False
+        self._failing[passage.known].give_back()
+        passage.address.at_zenoh -= 1
+        self._look = True
+
+    def _opened(self, passage: Passage, now_s: float) -> None:
+        """A session stands."""
+        passage.progress, passage.stage = None, Stage.OPEN
+        del self._unfinished[id(passage)], self._shaking[id(passage)]
+        self._open[id(passage)] = passage
+        address = passage.address
+        address.unfinished -= 1
+        address.shaking -= 1
+        address.open += 1
+        address.known_until_s = now_s + self._limits.known_s
+        self._totals["sessions"] += 1
+
+    def _end_late(self, now_s: float) -> None:
+        limits = self._limits
+        for one in list(self._unfinished.values()):
+            if one.ended_s is not None and now_s - one.ended_s > limits.close_s:
+                self._end(one, "left")
+            elif one.stage is Stage.HELLO and now_s - one.begun_s > limits.hello_s:
+                self._end(one, "no_hello")
+            elif (one.counts_as_failing or one.stage is Stage.WAITING) and now_s - one.hello_s > limits.handshake_s:
+                self._end(one, "late")
+            elif one.stage is Stage.SHAKING and now_s - one.hello_s > limits.session_s:
+                self._end(one, "no_session")
+        for one in list(self._open.values()):
+            if one.ended_s is not None and now_s - one.ended_s > limits.close_s:
+                self._end(one, "ended")
+            elif one.stuck_for(now_s) > limits.stuck_s:
+                self._end(one, "stuck")
+
+    def _end(self, passage: Passage, cause: str) -> None:
+        """Close a connection, count why, and count it against its address where its handshake failed."""
+        stage, address, now_s = passage.stage, passage.address, self._clock()
+        if stage is Stage.CLOSED:
+            return
+        passage.close(reset=stage is not Stage.OPEN)
+        if stage is Stage.OPEN:
+            del self._open[id(passage)]
+            address.open -= 1
+            self._totals["bytes_in"] += passage.to_zenoh
+            self._totals["bytes_out"] += passage.to_client
+            return
+        del self._unfinished[id(passage)]
+        self._waiting.pop(id(passage), None)
+        address.unfinished -= 1
+        address.shaking -= self._shaking.pop(id(passage), None) is not None
+        self._look = True
+        if cause in REFUSED:
+            self.refused[cause] += 1
+        if passage.counts_as_failing:
+            address.at_zenoh -= 1
+        if passage.counts_as_failing and cause != "unreachable":
+            self._totals["failed"] += 1
+            if self._addresses.failed(address, now_s):
+                self.last_barred = address.name
+
+
+def _drop(client: socket.socket) -> None:
+    """Close without a trace: nothing waits for the other end."""
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+    client.close()
