@@ -43,6 +43,7 @@ class SensorState:
     """Current state of a sensor.
 
     assembled, sent: number of frames since it was opened;  failure: why its source ended
+    gate: whether the gate in front of the TLS port runs; None without one
     """
 
     stream: str
@@ -50,12 +51,15 @@ class SensorState:
     sent: int = 0
     matching: bool = False
     failure: str | None = None
+    gate: bool | None = None
 
     @classmethod
     def of(cls, status: dict[str, Any]) -> Self:
         """From a publisher's status."""
         stream = f"{status['vehicle']}/{status['sensor']}"
-        return cls(stream, status["assembled"], status["frames"], bool(status["matching"]))
+        gate = status.get("gate")
+        runs = None if gate is None else bool(gate["running"])
+        return cls(stream, status["assembled"], status["frames"], bool(status["matching"]), gate=runs)
 
 
 class HealthFile:
@@ -145,6 +149,7 @@ class HealthFile:
             "quiet_s": round(self._unchanged_s(since, "assembled", state.assembled, now_s), 1),
             "unsent_s": round(unsent_s, 1),
             "failure": state.failure,
+            "gate": state.gate,
         }
 
     @staticmethod
@@ -192,6 +197,8 @@ def complaints(told: dict[str, Any], now_s: float) -> list[str]:
                 wrong.append(
                     f"{sensor['stream']}: nothing was sent for {unsent_s:.0f} s, although a receiver is connected"
                 )
+            elif sensor.get("gate") is False:
+                wrong.append(f"{sensor['stream']}: the gate in front of the TLS port does not run")
     except (KeyError, TypeError, ValueError, AttributeError):
         raise SourceError("not a health file") from None
     return wrong

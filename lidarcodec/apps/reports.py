@@ -88,6 +88,7 @@ STATUS_FIELDS = frozenset(
         "source",
         "recording",
         "certificate",
+        "gate",
         "reports",
     )
 )

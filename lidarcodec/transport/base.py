@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from enum import Enum
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 logger = logging.getLogger(__name__)
 
@@ -100,6 +100,9 @@ class Transport(Closeable, Protocol):
 
     def watch(self, key: str, handler: AliveHandler) -> Closeable:
         """Call the handler for tokens on a key or key expression: existing ones, own ones too, then changes."""
+
+    def gate(self) -> dict[str, Any] | None:
+        """Counts of the gate in front of the TLS port (docs/live.md lists them); None without one."""
 
     def __enter__(self) -> Self: ...
 

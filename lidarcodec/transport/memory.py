@@ -14,7 +14,7 @@ import secrets
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from lidarcodec.errors import TransportError
 from lidarcodec.transport.base import (
@@ -294,6 +294,10 @@ class MemoryTransport:
         watcher.handler, watcher.worker = handler, _Worker(key)
         self.network.add(watcher)
         return watcher
+
+    def gate(self) -> dict[str, Any] | None:
+        """None: there is no port."""
+        return None
 
     def close(self) -> None:
         """Take back everything; harmless when called twice."""

@@ -20,6 +20,7 @@ from typing import Any, Self
 import zenoh
 
 from lidarcodec.errors import TransportError, is_panic
+from lidarcodec.gate.gate import Gate
 from lidarcodec.transport.base import (
     AliveHandler,
     Closeable,
@@ -34,6 +35,7 @@ from lidarcodec.transport.base import (
 from lidarcodec.transport.certificates import CertificateWatch, certificates_in
 from lidarcodec.transport.config_file import check_config_file
 from lidarcodec.transport.endpoints import Endpoints
+from lidarcodec.transport.gated import put_behind
 from lidarcodec.transport.keys import check_key
 from lidarcodec.transport.late_threads import CLOSING, let_late_threads_end_at_exit
 from lidarcodec.transport.meeting_point import MeetingPoint
@@ -182,8 +184,10 @@ class _Inbox(_Declared):
 class ZenohTransport:
     """One Zenoh session. Thread-safe."""
 
-    def __init__(self, session: zenoh.Session, meeting_point: MeetingPoint | None, watch: CertificateWatch) -> None:
-        self._session, self._meeting_point, self._watch = session, meeting_point, watch
+    def __init__(
+        self, session: zenoh.Session, meeting_point: MeetingPoint | None, watch: CertificateWatch, gate: Gate | None
+    ) -> None:
+        self._session, self._meeting_point, self._watch, self._gate = session, meeting_point, watch, gate
         self._guard = Guard()
         self._lock = threading.Lock()
         self._declared: list[_Declared] = []
@@ -201,7 +205,10 @@ class ZenohTransport:
         client = json.loads(config.get_json("mode")) == "client"
         point = MeetingPoint(endpoints.loopback_port, lambda: _open(_config_of(endpoints.rendezvous_options())).close)
         watch = CertificateWatch(certificates_in(_option_of(config)), str(endpoints.config))
+        gate = None
         try:
+            gate, behind = put_behind(_option_of(config))
+            _config_of(behind, config)
             with _telling("cannot open a Zenoh session"):
                 if endpoints.local:
                     point.start()
@@ -210,9 +217,11 @@ class ZenohTransport:
         except TransportError:
             point.close()
             watch.close()
+            if gate is not None:
+                gate.close()
             raise
         logger.info("session %s open as %s", session.zid(), endpoints.effective_mode)
-        transport = cls(session, point if endpoints.local else None, watch)
+        transport = cls(session, point if endpoints.local else None, watch, gate)
         if endpoints.local:
             point.watch(lambda: transport.connected)
         return transport
@@ -325,6 +334,12 @@ class ZenohTransport:
         if self._meeting_point is not None:
             self._meeting_point.close()
         self._watch.close()
+        if self._gate is not None:
+            self._gate.close()
+
+    def gate(self) -> dict[str, Any] | None:
+        """Counts of the gate in front of TLS; None without one."""
+        return None if self._gate is None else self._gate.state()
 
     def __enter__(self) -> Self:
         return self

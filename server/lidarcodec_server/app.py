@@ -22,6 +22,7 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door.connections import ConnectionMetrics, Connections
 from lidarcodec_server.fairness import Fair
 from lidarcodec_server.live.part import live
+from lidarcodec_server.metrics.gate import GateMetrics
 from lidarcodec_server.middleware import BodyLimit, FromHere, Knock, Observe, Reserved
 from lidarcodec_server.operations import Audit
 from lidarcodec_server.service import Service
@@ -83,6 +84,7 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     )
     app.state.connections = connections
     app.state.service.metrics.registry.register(ConnectionMetrics(connections))
+    app.state.service.metrics.registry.register(GateMetrics(app.state.service.gate))
     problems.install(app)
     app.add_middleware(Audit, enter=app.state.service.enter)
     app.add_middleware(Fair, most=config.max_requests_a_host, wait_s=config.request_s, proxies=config.proxies, who=asks)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidarcodec.errors import SettingsError, TransportError, told
 from lidarcodec.transport import Transport, open_transport
@@ -70,8 +70,14 @@ class Service:
         return self._transport is not None and not self._stop.is_set()
 
     def ready(self) -> dict[str, bool]:
-        """Whether each part is ready: the Zenoh session, and the store. It queries the store."""
-        return {"zenoh": self.open, "store": self.store.ready()}
+        """Whether each part is ready: the Zenoh session with its gate, and the store. It queries the store."""
+        gate = self.gate()
+        shut = gate is not None and not gate["running"]
+        return {"zenoh": self.open and not shut, "store": self.store.ready()}
+
+    def gate(self) -> dict[str, Any] | None:
+        """Counts of the gate in front of the TLS port; None without one."""
+        return None if self._transport is None else self._transport.gate()
 
     @property
     def transport(self) -> Transport:

@@ -234,6 +234,15 @@ _FIELDS: Final[dict[str, Check]] = {
     "worker_restarts": count,
     "source": named(count),
     "certificate": or_null(record(state=_name, until=_name)),
+    "gate": or_null(
+        record(
+            **dict.fromkeys(("open", "unfinished", "waiting", "barred", "sessions", "failed"), count),
+            **dict.fromkeys(("bytes_in", "bytes_out", "restarts"), count),
+            refused=named(count),
+            last_barred=_word,
+            running=flag,
+        )
+    ),
     "recording": or_null(record(file=_long, stopped=_long, counts=named(count))),
     "reports": _receivers,
 }

@@ -35,6 +35,8 @@ def told(**sensor):
         (told(quiet_s=10.5), 101.0, "car/roof: no frame came from the sensor for 10 s"),
         (told(unsent_s=11.0), 101.0, "car/roof: nothing was sent for 11 s"),
         (told(failure="no such interface"), 101.0, "car/roof: no such interface"),
+        (told(gate=True), 101.0, None),
+        (told(gate=False), 101.0, "car/roof: the gate in front of the TLS port does not run"),
     ],
 )
 def test_what_is_wrong_is_said_with_the_stream_that_it_is_wrong_with(says, now_s, complaint):

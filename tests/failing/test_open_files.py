@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import subprocess
 import time
@@ -35,7 +36,8 @@ def test_strangers_who_only_connect_end_no_recording(tmp_path: Path) -> None:
     words = ["publish", "sim:street", "--record", tmp_path / "rec", "--health-file", health]
     words += ["--zenoh-config", tmp_path / "d" / "vehicle-car-7.json5"]
     limited = ["sh", "-c", f'ulimit -Sn {USUAL}; exec "$@"', "sh", *COMMAND, *map(str, words)]
-    car = subprocess.Popen(limited, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    without_gate = os.environ | {"LIDARCODEC_GATE": "off"}
+    car = subprocess.Popen(limited, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_gate)
     try:
         with contextlib.ExitStack() as stack:
             eventually(lambda: run("subscribe", *words_of_anna, "--frames", 1).returncode == 0, 60.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
 
@@ -51,3 +51,7 @@ class Network:
     def certificate(self) -> dict[str, str] | None:
         """For the status: the certificate presented to receivers; None without one."""
         return None if self._certificates is None else self._certificates.told()
+
+    def gate(self) -> dict[str, Any] | None:
+        """For the status: counts of the gate in front of the TLS port; None without one."""
+        return None if self.transport is None else self.transport.gate()

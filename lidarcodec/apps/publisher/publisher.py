@@ -233,6 +233,7 @@ class Publisher:
             "preparing": self._changes.preparing,
             "recording": None if self._recorder is None else self._recorder.state(),
             "certificate": self._network.certificate(),
+            "gate": self._network.gate(),
             "matching": self._sending.matching,
             "ended": self._done.is_set(),
         }

@@ -242,6 +242,7 @@ class LiveStream:
             "udp": None if self._udp is None else dict(self._udp.counts),
             "recording": None if self._recorder is None else self._recorder.state(),
             "certificate": None if self._certificates is None else self._certificates.told(),
+            "gate": self._receiver.gate(),
         }
 
     def interrupt(self) -> None:

@@ -138,6 +138,10 @@ class Receiver:
         """The process in which the decoder runs: `pid`, `state`, `restarts`, `last_failure`; None if there was none."""
         return self._isolation.state()
 
+    def gate(self) -> dict[str, Any] | None:
+        """Counts of the gate in front of the TLS port; None without one."""
+        return None if self._transport is None else self._transport.gate()
+
     @property
     def worker_restarts(self) -> int:
         """Number of restarts of the decoder's process after failures."""
