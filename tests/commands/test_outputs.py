@@ -138,7 +138,7 @@ def test_scans_do_not_mix_with_what_is_in_a_folder(written, tmp_path):
 
 def test_what_a_form_cannot_hold_is_said(frames, tmp_path):
     frame = frames[0]
-    with pytest.raises(SettingsError, match="too large for .ply"):
+    with pytest.raises(SettingsError, match=r"too large for \.ply"):
         open_output(tmp_path / "out.ply", tmp_path / "out.ply").write(frame.with_(index=2**40))
     far = frame.with_(sensor=dataclasses.replace(frame.sensor, range_step_m=429.0))
     with pytest.raises(SettingsError, match="further away"):

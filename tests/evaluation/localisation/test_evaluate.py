@@ -162,8 +162,7 @@ def test_drives_are_put_together_by_method_and_what_was_lost_is_added_up():
 def test_the_table_says_what_reference_there_was_and_how_uncertain_it_is():
     text = text_tables([fake("a", [0.01, 0.02]).result])
     assert (
-        "reference refined, uncertain by 1.0 mm and 0.010 degrees; over 0.8 s 10 / 20 / 40 mm forward, left, up"
-        in text
+        "reference refined, uncertain by 1.0 mm and 0.010 degrees; over 0.8 s 10 / 20 / 40 mm forward, left, up" in text
     )
     assert "0 of 2" in text
 

@@ -50,7 +50,10 @@ def test_frames_of_a_viewer_hold_up_nobody_and_end_its_socket(server, vehicle, k
     [
         (2000 * ws_frame(9), f"more than {FRAME_RATE} frames a second"),
         (600 * ws_frame(1, b"9" * 20), f"more than {FRAME_RATE} frames a second"),
-        (ws_frame(1, b"a", final=False) + 70 * ws_frame(0, b"", final=False), f"a message has at most {PARTS} fragments"),
+        (
+            ws_frame(1, b"a", final=False) + 70 * ws_frame(0, b"", final=False),
+            f"a message has at most {PARTS} fragments",
+        ),
     ],
 )
 def test_a_socket_that_is_ended_for_its_frames_is_told_why(server, vehicle, caplog, sent, reason):
