@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder, a rosbag), "
-    "udp://HOST:PORT, or sim:city|road|street|bend|motorway[?seed=1&frames=100]. Every option can also be "
+    "udp://HOST:PORT, or sim:city|road|street|bend|motorway|garage[?seed=1&frames=100]. Every option can also be "
     "set by an environment variable.",
 )
 

@@ -16,13 +16,13 @@ from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
-from lidarcodec.sources.simulator import SimulatorSource
+from lidarcodec.sources.simulator import SCENES, SimulatorSource
 
 
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:
     """Write the packets, and next to them the description of the simulated sensor, where readers find it."""
     if not spec.startswith("sim:"):
-        raise SettingsError(f"simulate needs sim:city, sim:road, sim:street, sim:bend or sim:motorway, not {spec}")
+        raise SettingsError(f"simulate needs one of sim:{', sim:'.join(SCENES)}, not {spec}")
     if out.suffix.lower() != ".pcap":
         raise SettingsError(f"simulate writes a capture: {out} must end in .pcap")
     check_finite(spec, frames)

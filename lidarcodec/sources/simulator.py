@@ -67,7 +67,7 @@ def simulated_sensor() -> SensorModel:
 class SimulatorSource(SimulatedDrive):
     """A drive of an HDL-64E through a simulated scene, as a source of packets. Each call of `packets` restarts it.
 
-    scene:    `city`, `road`, `street`, `bend` or `motorway`
+    scene:    one of SCENES
     seed:     determines town, traffic and noise
     frames:   number of frames of 348 packets; None = endless
     speed:    top speed in m/s, 0.5 to 40; None = that of the scene
@@ -106,9 +106,7 @@ class SimulatorSource(SimulatedDrive):
         """
         given = parse(spec) if isinstance(spec, str) else spec
         if given.scheme != "sim":
-            raise SourceError(
-                f"'{given.text}' is not a simulated drive: use sim:city, sim:road, sim:street, sim:bend or sim:motorway"
-            )
+            raise SourceError(f"'{given.text}' is not a simulated drive: use sim:{', sim:'.join(SCENES)}")
         named = given.options.get("sensor", HDL64E) != HDL64E
         given.only("seed", "frames", "skip", "speed", "traffic", "sensor", *SENSOR_OPTIONS)
         odd = [] if named else [name for name in SENSOR_OPTIONS if name in given.options]

@@ -34,6 +34,8 @@ GOLDEN = {
     ("bend", 3, 50_000, 116): "cb1cecc4d37cec3bb3725bc43d00aff596815d1bb8f5711c1c356a796b6a78db",
     ("motorway", 1, 0, 116): "05b5b862dd3bb937616200042a67bf41fc7df916b6f80979ba832899b1481e3c",
     ("motorway", 2, 100_000, 116): "2c0fc2de306c121ee9379bedb60aa0bcb2a0351468a1b1ea76a07a4d412bb5e5",
+    ("garage", 1, 0, 116): "48e4dbac704dcb27d338c95688aa7caff6357b7fd3169972fec001de6605b51a",
+    ("garage", 2, 50_000, 116): "6ca8cbfc0a2f8c1bd74cdfb69f8e8733faf2535e89aee63d843f7b8bb098c66f",
 }
 COMPILERS = ("clang++", "clang++-14", "g++")
 FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")

@@ -230,7 +230,7 @@ def simulate(
     skip: SkipCount = 0,
     force: Force = False,
 ) -> None:
-    """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?sensor=os1-128&seed=1."""
+    """Write a simulated drive as a capture: sim:city, road, street, bend, motorway or garage, with ?sensor=os1-128."""
     from lidarcodec.commands import simulate as command
 
     command.run(source, out, frames, skip, force)

@@ -24,29 +24,37 @@ PROFILE: Final = "RNG19_RFL8_SIG16_NIR16"
 """Of an Ouster, if none is named: that of its firmware."""
 MODE: Final = "1024x10"
 
-VELODYNE: Final = {"nearest_m": 0.5, "pulse_m": 1.0, "reflectivity_noise": 0.06, "quiet": 2.0}
-HESAI: Final = {"nearest_m": 0.3, "pulse_m": 1.0, "reflectivity_noise": 0.06, "reflectivity_floor": 0.7}
-OUSTER: Final = {"nearest_m": 0.5, "pulse_m": 1.5, "reflectivity_noise": 0.04, "reflectivity_floor": 0.5}
+VELODYNE: Final = {"nearest_m": 0.5, "spread": 0.0007, "aperture_m": 0.08, "reflectivity_noise": 0.05, "quiet": 2.0}
+HESAI: Final = {"nearest_m": 0.3, "spread": 0.0007, "aperture_m": 0.05, "reflectivity_noise": 0.06}
+XT: Final = {**HESAI, "nearest_m": 0.05, "sees_10_m": 80, "sigma_m": 0.005, "aperture_m": 0.09}
+QT: Final = {**HESAI, "nearest_m": 0.1, "pulse_m": 0.7, "aperture_m": 0.15, "reflectivity_noise": 0.08}
+OUSTER: Final = {"nearest_m": 0.5, "pulse_m": 3.0, "spread": 0.0004, "aperture_m": 0.002, "dark_noise": 0.6}
 TRAITS: Final[Mapping[str, Traits]] = {
-    "vlp16": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.007},
-    "hdl32e": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.006},
-    "vlp32c": {**VELODYNE, "farthest_m": 200, "sees_10_m": 80, "sigma_m": 0.006},
+    "vlp16": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.0095, "reflectivity": 45},
+    "hdl32e": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.010, "reflectivity": 45},
+    "vlp32c": {**VELODYNE, "farthest_m": 200, "sees_10_m": 80, "sigma_m": 0.006, "aperture_m": 0.05},
     "vls128": {**VELODYNE, "farthest_m": 245, "sees_10_m": 110, "sigma_m": 0.010},
-    "pandar40p": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.009},
-    "pandar64": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.009},
-    "qt64": {**HESAI, "nearest_m": 0.1, "farthest_m": 60, "sees_10_m": 20, "sigma_m": 0.009},
-    "qt128": {**HESAI, "nearest_m": 0.05, "farthest_m": 50, "sees_10_m": 20, "sigma_m": 0.009},
-    "xt16": {**HESAI, "nearest_m": 0.05, "farthest_m": 120, "sees_10_m": 80, "sigma_m": 0.005},
-    "xt32": {**HESAI, "nearest_m": 0.05, "farthest_m": 120, "sees_10_m": 80, "sigma_m": 0.005},
-    "xt32m": {**HESAI, "nearest_m": 0.5, "farthest_m": 300, "sees_10_m": 80, "sigma_m": 0.005},
-    "os0": {**OUSTER, "farthest_m": 120, "sees_10_m": 35, "sigma_m": 0.008, "photons": 9e3, "dark": 4},
-    "os1": {**OUSTER, "farthest_m": 240, "sees_10_m": 90, "sigma_m": 0.012, "photons": 6e4, "dark": 4},
-    "os2": {**OUSTER, "farthest_m": 300, "sees_10_m": 120, "sigma_m": 0.025, "photons": 2.4e5, "dark": 5},
+    "pandar40p": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.008},
+    "pandar64": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.008},
+    "qt64": {**QT, "farthest_m": 60, "sees_10_m": 20, "sigma_m": 0.010},
+    "qt128": {**QT, "farthest_m": 50, "sees_10_m": 20, "sigma_m": 0.010},
+    "xt16": {**XT, "farthest_m": 120},
+    "xt32": {**XT, "farthest_m": 120},
+    "xt32m": {**XT, "nearest_m": 0.5, "farthest_m": 300},
+    "os0": {
+        **OUSTER,
+        **{"nearest_m": 0.3, "farthest_m": 120, "sees_10_m": 35, "sigma_m": 0.008, "photons": 9e3, "dark": 4},
+    },
+    "os1": {**OUSTER, "farthest_m": 240, "sees_10_m": 90, "sigma_m": 0.016, "photons": 6e4, "dark": 4},
+    "os2": {
+        **OUSTER,
+        **{"farthest_m": 300, "sees_10_m": 120, "sigma_m": 0.025, "reflectivity": 150, "photons": 2.4e5, "dark": 5},
+    },
 }
 """Model -> the traits that differ from those in native/src/simulator/detector.hpp, where each is explained. An Ouster
 is named without its rows."""
 AMBIENT: Final = {
-    "os0": {"daylight": 1800, "sky": 700, "light_noise": 1.5},
+    "os0": {"daylight": 1800, "sky": 700, "light_noise": 1.0},
     "os1": {"daylight": 1400, "sky": 600, "light_noise": 1.5},
     "os2": {"daylight": 1200, "sky": 500, "light_noise": 1.5},
 }

@@ -88,6 +88,12 @@ void Detector::receive(std::size_t row, std::uint64_t luck, const Hit& hit, cons
   Echo one = echo_of(hit), other = behind ? echo_of(*behind) : Echo{};
   const Echo before = before_[row];
   before_[row] = one;
+  if (abs_of(other.t - one.t) < traits_.pulse_m) other = Echo{};
+  if (other.t > 0) {  // each gets a part of the beam
+    const double share = 0.2 + 0.6 * unit_of(mix(h1));
+    one.power *= share;
+    other.power *= 1.0 - share;
+  }
   const double step = before.t - one.t;
   if (one.t > 0 && before.t > 0 && abs_of(step) > kEdge && unit_of(h0) < kEdgeShare) {
     const double share = 0.8 * unit_of(h1);
@@ -99,7 +105,7 @@ void Detector::receive(std::size_t row, std::uint64_t luck, const Hit& hit, cons
       one.power *= 1.0 - share;
     }
   }
-  if (!seen(other, mix(h0 ^ 5)) || abs_of(other.t - one.t) < traits_.pulse_m) other = Echo{};
+  if (!seen(other, mix(h0 ^ 5))) other = Echo{};
   if (!seen(one, mix(h0 ^ 7))) {
     one = other;
     other = Echo{};
@@ -110,7 +116,7 @@ void Detector::receive(std::size_t row, std::uint64_t luck, const Hit& hit, cons
       first.reflectivity = second.reflectivity = whole(level - 0.5, traits_.reflectivity_most);
     }
     if (traits_.photons > 0) {
-      const double root = std::sqrt(traits_.dark);
+      const double root = traits_.dark_noise * std::sqrt(traits_.dark);
       first.signal = whole(traits_.dark + root * normal_of(h0, unit_of(h1)), 65535.0);
       second.signal = whole(traits_.dark + root * normal_of(h1, unit_of(h0)), 65535.0);
     }
@@ -123,7 +129,8 @@ void Detector::receive(std::size_t row, std::uint64_t luck, const Hit& hit, cons
     if (traits_.returns != Returns::StrongestAndSecond) return;
     second = Measured{};
     if (traits_.photons > 0)
-      second.signal = whole(traits_.dark + std::sqrt(traits_.dark) * normal_of(h1, unit_of(h0)), 65535.0);
+      second.signal =
+          whole(traits_.dark + traits_.dark_noise * std::sqrt(traits_.dark) * normal_of(h1, unit_of(h0)), 65535.0);
     return;
   }
   const Measured weaker = measure(other, row, mix(h1));

@@ -23,6 +23,8 @@ struct DetectorTraits {
   double sigma_m = 0.01;             // noise of a range, one standard deviation, for a strong echo
   double weak = 0.35;                // by how much the noise of the weakest echo is larger, as a share of sigma_m
   double pulse_m = 1.0;              // surfaces of one beam nearer to each other than this give one echo between them
+  double spread = 0.002;             // half the divergence of the beam, radians
+  double aperture_m = 0.02;          // half its width at the sensor
   double reflectivity = 100;         // number of a white surface
   double reflectivity_noise = 0.05;  // as a share
   double reflectivity_floor = 0.5;   // noise of a black surface
@@ -30,6 +32,7 @@ struct DetectorTraits {
   double quiet = 0;        // mean number of reflectivity without a return; 0: it is 0
   double photons = 0;      // counts of a white surface at 1 m; 0: there is no signal
   double dark = 0;         // counts without a return
+  double dark_noise = 1;   // of counts without a return, in square roots of counts
   double daylight = 0;     // counts of near infrared of a white surface
   double sky = 0;          // counts of near infrared of the horizon
   double light_noise = 1;  // of near infrared, in square roots of counts
@@ -47,8 +50,8 @@ class Detector {
  public:
   Detector(const DetectorTraits& traits, std::size_t rows, std::uint64_t seed);
 
-  // What row `row` sends of a firing. `hit`: the nearest surface; `behind`: one behind it that the beam meets as well,
-  // or null; `luck`: random bits of this firing.
+  // What row `row` sends of a firing. `hit`: the nearest surface; `behind`: another one that the beam meets as well, or
+  // null; `luck`: random bits of this firing.
   void receive(std::size_t row, std::uint64_t luck, const Hit& hit, const Hit* behind, Measured& first,
                Measured& second);
   // Near infrared of a firing. `rise`: z of its direction.

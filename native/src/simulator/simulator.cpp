@@ -23,6 +23,7 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (options.scene == "street") return make_street(options.world);
   if (options.scene == "bend") return make_bend(options.world);
   if (options.scene == "motorway") return make_motorway(options.world);
+  if (options.scene == "garage") return make_garage(options.world);
   throw Error(ErrorCode::Settings, "no such scene");
 }
 

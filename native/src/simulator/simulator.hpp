@@ -13,7 +13,7 @@
 namespace lidarcodec::sim {
 
 struct SimulatorOptions {
-  std::string scene = "city";  // city, road, street
+  std::string scene = "city";  // as in make_world
   WorldOptions world;
   std::int64_t start_ns = 0;  // GPS time at packet 0, ns since 1970
 };

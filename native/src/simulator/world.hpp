@@ -49,5 +49,6 @@ std::unique_ptr<World> make_road(const WorldOptions& options);
 std::unique_ptr<World> make_street(const WorldOptions& options);
 std::unique_ptr<World> make_bend(const WorldOptions& options);
 std::unique_ptr<World> make_motorway(const WorldOptions& options);
+std::unique_ptr<World> make_garage(const WorldOptions& options);
 
 }  // namespace lidarcodec::sim
