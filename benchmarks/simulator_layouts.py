@@ -4,9 +4,9 @@
 
 The captures are those of the data folder: a few turns of each sensor, half of them at rest in rooms. Simulated are
 turns with the layout of the capture, each at a place of its own: in the garage for captures in rooms, else in the town.
-A cell has the bits a return of the capture, those of the simulation, and the difference, bold above 15 %. Bits are as
-in "rows, xz" of benchmarks/other_sensors.py, over first and second returns: differences along the rows of a plane, byte
-by byte, through xz.
+A cell has the bits a return of the capture, those of the simulation, and the difference. Bits are as in "rows, xz" of
+benchmarks/other_sensors.py, over first and second returns: differences along the rows of a plane, byte by byte,
+through xz.
 
 --save writes benchmarks/results/simulator-layouts.csv.
 """
@@ -29,8 +29,6 @@ from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
 
 PLANES: Final = ("range", "range2", "intensity", "intensity2", "signal", "signal2", "near_ir")
-LIMIT: Final = 0.15
-"""Differences above this are marked."""
 LEAST_BITS: Final = 0.05
 """Planes that cost less in the capture are left out: they are nearly empty."""
 SEEDS: Final = range(1, 7)
@@ -127,8 +125,7 @@ def row(pair: Pair) -> str:
             cells.append("-")
             continue
         off = ours.bits[name] / bits - 1
-        mark = "**" * (abs(off) > LIMIT)
-        cells.append(f"{bits:.2f} / {ours.bits[name]:.2f} / {mark}{100 * off:+.0f} %{mark}")
+        cells.append(f"{bits:.2f} / {ours.bits[name]:.2f} / {100 * off:+.0f} %")
     cells.append(f"{100 * theirs.same:.1f} / {100 * ours.same:.1f}" if theirs.same > 0 else "-")
     return f"| {' | '.join(cells)} |"
 
