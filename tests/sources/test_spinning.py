@@ -14,6 +14,7 @@ import lidarcodec.sources.spinning.table
 from lidarcodec import _native
 from lidarcodec.commands import simulate
 from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
+from lidarcodec.sensors.images import Images
 from lidarcodec.sensors.models.ouster.fields import PIXELS
 from lidarcodec.sensors.models.table import detect, is_ouster
 from lidarcodec.sources import open_source
@@ -90,6 +91,16 @@ def test_points_lie_on_what_was_simulated_and_times_rise(wanted):
     assert np.quantile(np.abs(rise), 0.8) < 0.08  # grass stands up to 7 cm
 
 
+@pytest.mark.parametrize("wanted", ALL, ids=text_of)
+def test_beams_begin_where_points_of_range_0_are(wanted):
+    unit = unit_of(wanted, 1, 0)
+    series, _ = unit.heads(0, 3)
+    shape = (unit.layout.rows, 3 * unit.layout.columns)
+    images = Images({plane.name: np.zeros(shape, plane.dtype) for plane in unit.layout.planes}, series)
+    for ours, theirs in zip(unit.origins(images), unit.sensor.points(unit.model, unit.layout, images), strict=True):
+        assert np.abs(ours - theirs).max() < 1e-15
+
+
 def test_a_turn_is_a_tenth_of_a_second_and_the_whole_horizon():
     for name in ("vlp16", "os0-32", "xt32"):
         source = SpinningSource(Wanted(name), "street", frames=1)
@@ -110,7 +121,7 @@ def test_what_moves_is_where_it_is_when_it_is_fired_at():
     for row, column in list(zip(*ahead, strict=True))[:: max(1, len(ahead[0]) // 400)]:
         series, _ = unit.heads(int(column) // unit.layout.columns, 1)
         shape = (rows, unit.layout.columns)
-        images = type(turns.images)({"range": np.zeros(shape, np.uint32)}, series)
+        images = Images({"range": np.zeros(shape, np.uint32)}, series)
         near = [axis[row, column % unit.layout.columns] for axis in unit.sensor.points(unit.model, unit.layout, images)]
         images.planes["range"][:] = 10_000
         far = [axis[row, column % unit.layout.columns] for axis in unit.sensor.points(unit.model, unit.layout, images)]

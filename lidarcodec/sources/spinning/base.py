@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.images import Images, PacketLayout, Sensor, Unsigned
+from lidarcodec.sensors.images import Images, Metres, PacketLayout, Sensor, Unsigned
 from lidarcodec.sources.spinning.encoder import Numbers
 
 
@@ -37,6 +37,9 @@ class Unit(Protocol):
 
     def heads(self, first: int, count: int) -> Heads:
         """Of the packets number `first`, which may be -1, and the `count - 1` after it."""
+
+    def origins(self, images: Images) -> tuple[Metres, Metres, Metres]:
+        """x, y, z in metres where each beam of images begins, all ranges of which are 0; (H, W) or what broadcasts."""
 
     def silence(self, images: Images) -> None:
         """Remove the returns of channels that do not fire."""

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.images import Images, Unsigned
+from lidarcodec.sensors.images import Images, Metres, Unsigned
 from lidarcodec.sensors.models.blocks import BlockLayout
 from lidarcodec.sensors.models.hesai_packet import HesaiSensor
 from lidarcodec.sensors.models.qt128 import Qt128
@@ -93,6 +93,12 @@ class BlockUnit:
         for name, (dtype, each) in self.layout.series.items():
             series[name] = known.get(name, np.zeros(count * each)).astype(dtype)
         return Heads(series, stamps)
+
+    def origins(self, images: Images) -> tuple[Metres, Metres, Metres]:
+        """Where beams begin: on the axis, because nominal calibrations have neither horizontal offsets nor corrections
+        of distance. `points` of the model would say the same, but need as long as for far points."""
+        height_m = self.model.calibration["vert_offset_m"][self.sensor.channel_of_row][:, None]
+        return np.zeros((1, 1)), np.zeros((1, 1)), height_m
 
     def silence(self, images: Images) -> None:
         """Remove the returns of the channels of a QT128 that do not fire: all others do."""

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.images import Images, Unsigned
+from lidarcodec.sensors.images import Images, Metres, Unsigned
 from lidarcodec.sensors.models.ouster.layouts import OusterLayout
 from lidarcodec.sensors.models.ouster.metadata import BEAM_ORIGIN_MM
 from lidarcodec.sensors.models.ouster.sensor import OusterSensor, model_from, sensor_from
@@ -134,6 +134,10 @@ class OusterUnit:
         for name, (dtype, each) in layout.series.items():
             series[name] = known.get(name, np.zeros(count * each, np.int64)).astype(dtype)
         return Heads(series, times[:: layout.columns])
+
+    def origins(self, images: Images) -> tuple[Metres, Metres, Metres]:
+        """Where beams begin: the points of ranges 0."""
+        return self.sensor.points(self.model, self.layout, images)
 
     def silence(self, images: Images) -> None:
         """All channels fire."""

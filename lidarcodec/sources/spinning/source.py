@@ -109,7 +109,7 @@ class SpinningSource(SimulatedDrive):
         shape = (layout.rows, (count + 1) * layout.columns)
         planes = {plane.name: np.zeros(shape, plane.dtype) for plane in layout.planes}
         images = Images(planes, series)
-        near = sensor.points(unit.model, layout, images)
+        near = (np.broadcast_to(axis, shape) for axis in unit.origins(images))
         planes["range"] = np.full(shape, FAR_STEPS, planes["range"].dtype)
         far = sensor.points(unit.model, layout, images)
         times = np.repeat(stamps, layout.columns) + sensor.times_ns(layout, images)
