@@ -1,4 +1,4 @@
-"""A target bitrate kept: from what frames took to the setting of the next one. Pure arithmetic on sizes and stamps."""
+"""Rate control: sets the next frame from the sizes of earlier frames, to keep a target bitrate. Pure arithmetic."""
 
 from lidarcodec.ratecontrol.control import RateControl
 

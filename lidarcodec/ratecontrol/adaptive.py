@@ -1,8 +1,8 @@
-"""The bitrate that a path carries with room to spare, from what its messages took. Pure: no clock, no sockets.
+"""Finds a bitrate for a path from the send times of its messages. Pure: no clock, no sockets.
 
-A message of S bits that keeps the path busy for t seconds says S / t, however little of the path the stream uses. So
-the rate can follow a path up as well as down, and nothing has to be tried out. The target is such that a frame is under
-way for two thirds of a frame's time: a third is left for a frame that comes out larger and a path that gets slower.
+A message of S bits that keeps the path busy for t seconds shows a capacity of S / t, even if the stream uses only a
+part of the path. So the rate can follow a path up and down, without probing. With the chosen target a frame is under
+way for two thirds of a frame's time. The last third is a reserve for a larger frame or a slower path.
 
 >>> state, target_kbps = adapted(PathState(), Landing(bits=1e6, send_s=0.1, since_s=0.1))
 >>> round(capacity_kbps(state)), round(target_kbps)
@@ -21,55 +21,57 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 START_KBPS: Final = 3000.0
-"""What a mobile network carries in most places: the target until the first message has arrived."""
+"""The target until the first message has arrived. Most mobile networks can carry it."""
 MIN_KBPS: Final = 50.0
 MAX_KBPS: Final = 1e6
 SHARE: Final = 0.65
-"""Of the capacity; a frame at 10 Hz is then under way for 65 ms. Measured by others, 80 % of a link is still without a
-queue, 91 % is not; frames differ by a tenth, and a codec's first frame of another scene by more."""
+"""Used share of the capacity; a frame at 10 Hz is then under way for 65 ms. In published measurements a link has no
+queue at 80 % of its capacity, but has one at 91 %. The sizes of frames differ by a tenth, and by more at a new
+scene."""
 MIN_SHARE: Final = 0.4
 LESS_SHARE: Final = 0.92
-"""For each message during which frames were left out: time goes into something else as well, such as encoding."""
+"""Factor on the share for each message during which frames were skipped: other work, such as encoding, also takes
+time."""
 MORE_SHARE_PER_S: Final = 0.05
 PEAK: Final = 1.3
-"""A key frame of a codec that predicts may be under way for so many times a frame's time."""
+"""A key frame of a predictive codec may be under way for so many times a frame's time."""
 MAX_BURST: Final = 8.0
 DOWN_S: Final = 0.1
-"""Time constant of a fall: two thirds of the way in a frame, so that a cut is followed within a second."""
+"""Time constant of a decrease: two thirds of the change in one frame, so the rate follows a drop within a second."""
 HICCUP_S: Final = 0.1
 FIRST_DOWN_S: Final = 0.4
-"""That of the first slow message that was under way for less than HICCUP_S: a busy receiver, more often than a cut."""
+"""Time constant for the first slow message that took less than HICCUP_S. Its usual cause is a busy receiver."""
 UP_S: Final = 0.4
-"""Of a rise: one fast message may have found a bucket of tokens full."""
+"""Time constant of an increase: one fast message may be due to a full token bucket of the network."""
 SLOW: Final = 0.8
 CUT: Final = 0.6
-"""Two messages in a row at less than this part of the capacity say that the path was cut, or that a bucket has run dry.
-One alone is a receiver that had something else to do."""
+"""Two consecutive messages below this share of the capacity mean that the path became slower, or that a token bucket is
+empty. A single one is probably due to a busy receiver."""
 CAUTION_S: Final = 20.0
 GROWTH_PER_S: Final = 2.0
-"""For so long after a cut the capacity is believed to grow by no more than that: five times as much takes 2.3 s. A
-bucket of tokens that lets any burst through and then stands would else be filled and hit again and again."""
+"""For so long after a drop, the estimated capacity grows by at most this rate: a factor of five takes 2.3 s.
+Otherwise a token bucket, which passes a burst and then stops, would be exhausted again and again."""
 SMALLER: Final = 0.7
 WORSE: Final = 1.1
 IN_VAIN: Final = 0.5
-"""A message of which half of the time has nothing to do with its size is not made quicker by making it smaller."""
+"""If at least this share of a message's time does not depend on its size, smaller messages do not help."""
 SETTLING: Final = 3
-"""Measurements of a new path that are taken as they are, on the way up; the first one on the way down as well. A path
-that stood still is new: the message that was under way at its end took long, the next ones are as fast as ever."""
+"""Number of first measurements of a new path that are used without smoothing if they are higher; the first one also if
+it is lower. A path after a stall is new: the message during the stall took long, but the next ones are fast again."""
 MIN_SEND_S: Final = 0.01
-"""Messages are taken together until they have kept the path busy for so long: below it jitter is what is measured."""
+"""Messages are combined until they have kept the path busy for so long. Shorter times would measure only jitter."""
 NOISE_S: Final = 0.003
 NOISE_SHARE: Final = 0.125
-"""Of the round trip: no time to send is known better. A shorter one only says that the capacity is at least that."""
+"""Uncertainty of send times as a share of the round trip. A shorter time only gives a lower bound of the capacity."""
 MAX_STEP_S: Final = 1.0
 
 
 class Landing(NamedTuple):
-    """What one message took.
+    """Size and send time of one message.
 
     bits: its size; send_s: time for which it alone kept the path busy, without the round trip; since_s: time since the
-    landing before; rtt_s: the round trip; key: a key frame; replaced: frames left out since the landing before
-    landed: False for a message that had not arrived when it was given up; send_s is then how long it was under way
+    previous landing; rtt_s: the round trip; key: whether it is a key frame; replaced: frames skipped since the previous
+    landing; landed: False if it was given up before it arrived; send_s is then the time until that
     """
 
     bits: float
@@ -83,14 +85,15 @@ class Landing(NamedTuple):
 
 @dataclass(frozen=True)
 class PathState:
-    """All that is known of a path.
+    """The state of a path.
 
     capacity_bps: None before the first message arrived
-    settling: measurements that are still believed whole, because the path is new or stood still
-    share: of the capacity that is used; burst: size of a key frame over that of the others, inter_bits: mean of those
+    settling: number of further measurements without smoothing, because the path is new or stalled
+    share: used share of the capacity; burst: size of a key frame relative to other frames, inter_bits: their mean size
     slow: whether the last message was clearly slower, before_bps: the capacity before it
-    began: bits and seconds of the first of several slow messages in a row; caution_s: how long growth is still limited
-    bits, send_s, since_s: messages taken together for the next measurement
+    began: bits and seconds of the first of several consecutive slow messages; caution_s: remaining time of limited
+    growth
+    bits, send_s, since_s: messages combined for the next measurement
     """
 
     capacity_bps: float | None = None
@@ -126,12 +129,14 @@ def adapted(state: PathState, landing: Landing) -> tuple[PathState, float]:
 
 
 def elsewhere(state: PathState) -> PathState:
-    """The state when another receiver is followed: the next message says at once what its path carries."""
+    """The state after a change of the followed receiver: the next message at once determines the capacity of its
+    path.
+    """
     return replace(state, settling=SETTLING, caution_s=0.0, bits=0.0, send_s=0.0, since_s=0.0)
 
 
 def target_kbps(state: PathState) -> float:
-    """What to send: a share of the capacity, less when key frames are so large that they alone would lag."""
+    """The target: a share of the capacity, or less if key frames are so large that they would be late."""
     if state.capacity_bps is None:
         return START_KBPS
     share = min(state.share, PEAK / state.burst)
@@ -139,12 +144,12 @@ def target_kbps(state: PathState) -> float:
 
 
 def capacity_kbps(state: PathState) -> float | None:
-    """What the path was found to carry; None before the first message arrived."""
+    """The estimated capacity of the path; None before the first message arrived."""
     return None if state.capacity_bps is None else state.capacity_bps / 1e3
 
 
 def _measured(state: PathState, noise_s: float) -> PathState:
-    """The state after messages that were taken together; a time too short to be known only says `at least`."""
+    """The state after combined messages. A time that is too short to measure only gives a lower bound."""
     sure = state.send_s > noise_s
     found = min(max(state.bits / max(state.send_s, noise_s), 1e3 * MIN_KBPS), 1e3 * MAX_KBPS)
     step_s = min(max(state.since_s, 1e-3), MAX_STEP_S)
@@ -180,17 +185,18 @@ def _measured(state: PathState, noise_s: float) -> PathState:
 
 
 def _began(state: PathState) -> tuple[float, float]:
-    """Bits and seconds with which the messages became slow; anew when it gets worse."""
+    """Bits and seconds of the message with which messages became slow; of a newer one if it gets worse."""
     if state.began is None or state.send_s > WORSE * state.began[1]:
         return state.bits, state.send_s
     return state.began
 
 
 def _in_vain(state: PathState) -> float | None:
-    """Bits per second, when messages became smaller and hardly quicker: it is not their bits that take the time, and
-    fewer would not help. So a round trip that grew, before it is known, does not take the target down to nothing.
+    """The capacity in bits per second, if messages became smaller but hardly faster. Then most of the time does not
+    depend on their size, and still fewer bits would not help. So a longer round trip that is not measured yet does not
+    reduce the target to nothing.
 
-    A delay and a capacity follow from two messages of different size; None when the delay is not the larger part.
+    Two messages of different size determine a delay and a capacity. None if the delay is not the larger part.
     """
     if state.began is None or state.bits > SMALLER * state.began[0] or state.send_s > WORSE * state.began[1]:
         return None
@@ -200,7 +206,7 @@ def _in_vain(state: PathState) -> float | None:
 
 
 def _stalled(state: PathState, landing: Landing) -> PathState:
-    """The state after a message that did not arrive: the path carries less; what it does next is believed at once."""
+    """The state after a message that did not arrive: the capacity is smaller, and the next measurement counts fully."""
     most = max(landing.bits / max(landing.send_s, 1e-3), 1e3 * MIN_KBPS)
     capacity = most if state.capacity_bps is None else min(state.capacity_bps, most)
     return replace(

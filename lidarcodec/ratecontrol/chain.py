@@ -1,7 +1,7 @@
-"""The chain of an operating curve: from the cheapest point to the finest, each better than the last in everything.
+"""The chain of an operating curve: points from the cheapest to the finest, each better than the last in all measures.
 
-There are many such chains. This is the one with the least area under its cost, over the logarithm of the bits. A target
-between two points gets the lower one, so its cost counts up to the bits of the next.
+There are many such chains. This one has the smallest area under its cost over the logarithm of the bits. A target
+between two points uses the lower point, so the cost of a point counts up to the bits of the next.
 
 >>> import numpy as np
 >>> bits, cost = np.array([1.0, 2.0, 2.1, 4.0]), np.array([9.0, 5.0, 4.0, 1.0])
@@ -20,17 +20,17 @@ Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.integer[Any]]
 
 GAIN: Final = 0.002
-"""A point is better than another if its cost is less by this share at least."""
+"""A point is better than another if its cost is smaller by at least this share."""
 NEAR: Final = 1.15
-"""Points that cost more than so many times the best one of no more bits are not looked at."""
+"""Points are ignored if they cost more than so many times the best point with no more bits."""
 MOST: Final = 800
-"""Points that are looked at, at most: the time grows with their square, 10 ms for so many."""
+"""Most points in the search. Its time grows with their square: 10 ms for so many."""
 
 
 def chain(bits: Floats, cost: Floats, never_more: Floats) -> Places:
-    """(K,) places of the points of the chain, bits rising; at least one.
+    """(K,) indices of the points in the chain, with increasing bits; at least one.
 
-    bits, cost: (N,);  never_more: (Q, N), what must not grow along the chain
+    bits, cost: (N,);  never_more: (Q, N), measures that must not increase along the chain
     """
     order = _near(bits, cost)
     at, of, rest = np.log(np.maximum(bits[order], 1e-9)), cost[order], never_more[:, order]
@@ -45,7 +45,7 @@ def chain(bits: Floats, cost: Floats, never_more: Floats) -> Places:
         whole = np.where(fits, total[behind] + of[place] * (at[behind] - at[place]), np.inf)
         best = int(np.argmin(whole))
         total[place], following[place] = whole[best], place + 1 + best
-    # Below the first point there is no picture, which counts twice as much as the worst one.
+    # Below the first point there is no image; this costs twice as much as the worst point.
     first = int(np.argmin(total + 2.0 * of.max() * (at - at[0])))
     found = [first]
     while found[-1] != finest:
@@ -54,7 +54,7 @@ def chain(bits: Floats, cost: Floats, never_more: Floats) -> Places:
 
 
 def _near(bits: Floats, cost: Floats) -> Places:
-    """Places of the points worth looking at, bits rising."""
+    """Indices of the points in the search, with increasing bits."""
     order = np.lexsort((cost, bits))
     near = NEAR
     while True:

@@ -1,6 +1,6 @@
-"""Which codec `codec=auto` stands for: the one that shows most at the target, of those that encode quickly enough.
+"""The choice for `codec=auto`: the codec with the best quality at the target, of those that encode fast enough.
 
-What a codec shows at a target is on its operating curve; how long it takes here is measured by others and given. Pure.
+Operating curves give the quality of a codec at a target. The caller measures encoding times on this machine. Pure.
 
 >>> wanted = StreamSettings(codec="auto", target_kbps=1000)
 >>> ranked(wanted)[:3]
@@ -24,13 +24,13 @@ from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_
 from lidarcodec.settings import AUTO, StreamSettings
 
 SHARE: Final = 0.3
-"""Part of the time from one frame to the next that encoding may take. Decoding takes about as long, and what is left is
-for the path: a frame is not to arrive when the next one is there already."""
+"""Share of the time between two frames that encoding may take. Decoding takes about as long, and the rest is for the
+path: a frame should arrive before the next one is measured."""
 
 
 class Choice(NamedTuple):
-    """codec: a name;  because: of what;  encode_ms: mean of a frame, of each codec that was tried
-    budget_ms: what it may take, None as long as it is not known
+    """codec: its name;  because: the reason;  encode_ms: mean time of a frame for each codec that was tried
+    budget_ms: longest allowed time, None while unknown
     """
 
     codec: str
@@ -40,11 +40,11 @@ class Choice(NamedTuple):
 
 
 def ranked(settings: StreamSettings) -> tuple[str, ...]:
-    """Names of the codecs that `auto` chooses from, the one that shows most at the target first; without a target the
-    one that takes the fewest bits.
+    """Names of the codecs from which `auto` chooses, best quality at the target first; without a target fewest bits
+    first.
 
-    Only codecs that are installed here, keep a bound, can be steered, were measured and need no process of their own:
-    the others show less at every target and take longer, or nobody knows what they show.
+    Only codecs that are installed, have an error bound, support rate control, were measured, and need no process of
+    their own. All others have a lower quality at every target and take longer, or their quality is unknown.
     """
     able = [
         name
@@ -57,7 +57,7 @@ def ranked(settings: StreamSettings) -> tuple[str, ...]:
 def with_codec(settings: StreamSettings, name: str) -> StreamSettings:
     """The settings with that codec in place of `auto`.
 
-    Raises SettingsError when they hold settings of a codec: which one is not known.
+    Raises SettingsError if they have settings of a codec, because the codec is not known yet.
     """
     if settings.codec_settings:
         given = ", ".join(settings.codec_settings)
@@ -68,17 +68,17 @@ def with_codec(settings: StreamSettings, name: str) -> StreamSettings:
 
 
 def without_auto(settings: StreamSettings) -> StreamSettings:
-    """The settings themselves, or with the first of `ranked` in place of `auto`: the choice where time does not matter.
+    """The settings themselves, or with the first of `ranked` in place of `auto`: the choice if time does not matter.
 
-    Raises SettingsError as `with_codec` does.
+    Raises the errors of `with_codec`.
     """
     return settings if settings.codec != AUTO else with_codec(settings, ranked(settings)[0])
 
 
 def choice(settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: float) -> Choice:
-    """The first of `ranked` that keeps to the budget, of those that were tried; else the quickest of them.
+    """The first of `ranked` within the budget, of those that were tried; otherwise the fastest of them.
 
-    encode_ms: milliseconds of a frame, of each codec that was tried; one at least
+    encode_ms: milliseconds for a frame, for each codec that was tried; at least one
     """
     times = {name: round(took, 1) for name, took in encode_ms.items()}
     slower: list[str] = []
@@ -97,7 +97,7 @@ def choice(settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: 
 
 
 def _shortcoming(settings: StreamSettings) -> tuple[float, float]:
-    """What is missing from the picture at the target, in metres; and the bits of a return at the finest."""
+    """The cost of the image at the target in metres, and the bits a return at the finest point."""
     target = settings.target_kbps
     pins = pins_of(settings)
     if target is None:
@@ -109,4 +109,4 @@ def _shortcoming(settings: StreamSettings) -> tuple[float, float]:
     kbps = curve.bits * RETURNS_A_SECOND / 1e3
     wanted = START_KBPS if target == AUTO else target
     missing = float(np.interp(wanted, kbps, curve.cost))
-    return missing * max(1.0, float(kbps[0]) / wanted), finest  # below the floor frames are left out
+    return missing * max(1.0, float(kbps[0]) / wanted), finest  # below the smallest bitrate frames are skipped

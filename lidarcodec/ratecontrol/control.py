@@ -1,4 +1,4 @@
-"""RateControl: the controller at work beside an encoder. Its clock is the frames' own stamps."""
+"""RateControl: the controller for an encoder. Its clock is the time stamps of the frames."""
 
 from __future__ import annotations
 
@@ -41,45 +41,45 @@ from lidarcodec.wire import size_of
 logger = logging.getLogger(__name__)
 
 PACKET_S: Final = PACKET_INTERVAL_US * 1e-6
-"""An HDL-64 sends a packet every 288 us (6 firings of 48 us), however fast it turns."""
+"""An HDL-64 sends a packet every 288 us (6 firings of 48 us), at any rotation speed."""
 STAMP_FACTOR: Final = 4.0
-"""Stamps that say a packet took 4 times as long, or a quarter, tell of a pause or of a clock that was set."""
+"""If by the stamps a packet took 4 times as long, or a quarter, there was a pause or the clock was set."""
 STAMP_GAIN: Final = 0.2
 
 
 class RateControl:
-    """Says at which value of its knob an encoder is to code each frame, and learns from the messages.
+    """Chooses the value of an encoder's knob for each frame, and learns from the messages.
 
-    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. An
-    encoder of groups asks `range_of` for each message when its frames are there (`codecs.base.Steered`).
+    Call in this order: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. An
+    encoder of groups calls `range_of` for each message when it has its frames (`codecs.base.Steered`).
 
-    Raises SettingsError when the settings name a codec without a knob, or no target.
+    Raises SettingsError if the codec has no knob, or the settings have no target.
     """
 
     def __init__(self, settings: StreamSettings, before: RateControl | None = None) -> None:
-        """before: the control of this stream under another codec, whose knowledge goes on."""
+        """before: the control of this stream with the previous codec; its learned state is kept"""
         self._settings: StreamSettings
         self._plan: Plan
         self._auto_kbps = START_KBPS if before is None else before._plan.target_bps / 1e3
         self._state: RateState = RateState() if before is None else before._state
         self._packet_s: float = PACKET_S if before is None else before._packet_s
         self._last: tuple[int, int, int] | None = None if before is None else before._last
-        self._told: bool = before is None or before._told
-        self._untold_s: float = 0.0 if before is None else before._untold_s
+        self._logged_reached: bool = before is None or before._logged_reached
+        self._since_log_s: float = 0.0 if before is None else before._since_log_s
         self._waiting: deque[tuple[int, Load]] = deque()
-        self._fitted: deque[tuple[Plan, int]] = deque()  # of messages that `range_of` saw, and `sent` did not yet
+        self._fitted: deque[tuple[Plan, int]] = deque()  # for messages after `range_of` and before `sent`
         self._level, self._turned = 0, False
-        self._exact: WorkingPoint | None = None  # of a group, whose knob was fitted
+        self._exact: WorkingPoint | None = None  # the fitted point of a group
         self._begun: tuple[int, Load] | None = None  # the frame that is being encoded
         self._since_s: float = 0.0 if before is None else before._since_s
         self.left_out: int = 0 if before is None else before.left_out
-        """Frames that were not encoded, because the target does not carry them."""
+        """Number of frames that were skipped, because the target is too small for them."""
         self._take(settings)
         if before is not None and before._plan.target_bps != self._plan.target_bps:
             self._state = retargeted(self._state)
 
     def apply(self, settings: StreamSettings) -> None:
-        """Take other settings of the same codec from the next frame on."""
+        """Use other settings of the same codec from the next frame on."""
         target_bps = self._plan.target_bps
         at = self.point
         self._auto_kbps = target_bps / 1e3
@@ -89,38 +89,39 @@ class RateControl:
             self._state = retargeted(self._state)
 
     def aim(self, target_kbps: float) -> None:
-        """With the target `auto`: what the path carries now. Debts go on; a number as target is not touched."""
+        """With the target `auto`: set the present bitrate of the path. Debts are kept. A fixed target does not
+        change.
+        """
         if self._settings.target_kbps == AUTO:
             self._auto_kbps = target_kbps
             self._plan = replace(self._plan, target_bps=1e3 * target_kbps)
 
     @property
     def dear(self) -> bool:
-        """Whether turning the knob costs bits, so that key frames are the time to do it."""
+        """Whether a change of the knob costs bits, so that it is best done at key frames."""
         return self._knob.renewal is not None
 
     @property
     def settings(self) -> StreamSettings:
-        """The settings of the frame before."""
+        """The settings of the last frame."""
         return self._at(self.point)
 
     @property
     def point(self) -> WorkingPoint:
-        """The working point of the frame before."""
+        """The working point of the last frame."""
         if self._exact is not None:
             return self._exact
         return self._plan.curve.points[min(self._level, len(self._plan.curve.points) - 1)]
 
     @property
     def step(self) -> int:
-        """The step of the lattice to which the frame before is thinned, or of how many returns one is sent; 1 where a
-        reduction is pinned."""
+        """The step of the lattice of the last frame, or one in so many returns is sent; 1 if a reduction is pinned."""
         return self.point.step if self._settings.reduction == AUTO else 1
 
     def leaves_out(self, frame: Frame) -> bool:
-        """Whether a frame is not to be encoded: not even the cheapest working point keeps the target with all frames.
+        """Whether to skip a frame, because even the cheapest working point exceeds the target with all frames.
 
-        A frame that is left out counts as time in which nothing was sent.
+        A skipped frame counts as time without sent data.
         """
         load = self._load(frame)
         if self._waiting or not skips(self._state, self._plan, load, self._since_s):
@@ -133,10 +134,10 @@ class RateControl:
         return True
 
     def settings_for(self, frame: Frame, *, key: bool = False) -> StreamSettings:
-        """The settings with which to encode a frame, of which the lattice is `step`. A group keeps those with which it
-        began.
+        """The settings for encoding a frame; `step` is its lattice. All frames of a group use the settings of its
+        first one.
 
-        key: it will be a key frame.
+        key: whether it will be a key frame
         """
         self._begun = (frame.index, self._load(frame))
         if not self._waiting:
@@ -146,7 +147,7 @@ class RateControl:
         return self.settings
 
     def spilled(self, frame: Frame, messages: list[Message]) -> bool:
-        """Whether a frame's messages take so much that it is to be coded anew as a key frame, with `settings_for`."""
+        """Whether a frame's messages are so large that it must be coded again as a key frame, with `settings_for`."""
         if not self.dear or len(messages) != 1 or messages[0].frame_count != 1:
             return False
         known = surprised(self._state, self._plan, self._level, self._load(frame), _sizes(messages[0]))
@@ -156,9 +157,9 @@ class RateControl:
         return True
 
     def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
-        """The RANGE section, out of `code`, with which a message of these frames takes what it may.
+        """The RANGE section with which a message of these frames has its allowed size.
 
-        message: as it will be, but without ranges; code: the ranges with the knob at the place in those settings
+        message: the message without ranges; code: codes the ranges with the knob in these settings
         """
         known = dict(self._waiting) | dict([self._begun] if self._begun is not None else [])
         load = _sum([known.get(frame.index) or self._load(frame) for frame in frames])
@@ -174,13 +175,13 @@ class RateControl:
         return data
 
     def sent(self, frame: Frame | None, messages: list[Message]) -> None:
-        """Learn from the messages that became complete with a frame, or with the end of the stream."""
+        """Learn from the messages that a frame, or the end of the stream, completed."""
         if frame is not None:
             self._follow_stamps(frame)
             self._waiting.append((frame.index, self._load(frame)))
         for message in messages:
             while self._waiting and self._waiting[0][0] < message.frame_index:
-                self._waiting.popleft()  # went with an encoder that held it back and failed
+                self._waiting.popleft()  # lost with an encoder that failed
             loads = [self._waiting.popleft()[1] for _ in range(min(message.frame_count, len(self._waiting)))]
             if not loads:
                 continue
@@ -190,7 +191,7 @@ class RateControl:
             self._tell(load.seconds)
 
     def report(self) -> dict[str, Any]:
-        """The status' `rate`: target, what can be reached, what limits it, the mean of five seconds, the knob."""
+        """The field `rate` of the status: target, reachable bitrates, limit, mean of five seconds, knob."""
         state, plan = self._state, self._plan
         ends, mean = reachable_kbps(state, plan), kbps(state.budget, WINDOW_S)
         return {
@@ -224,15 +225,15 @@ class RateControl:
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
         if settings.purpose == "localise":
             model += f" {settings.purpose}"
-        if settings.reduces:  # a return among few costs more than one among many
+        if settings.reduces:  # one of few returns costs more than one of many
             model += f" {settings.reduction} {settings.keep_points} {settings.keep_fraction}"
         self._settings, self._knob = settings, knob
         target_kbps = self._auto_kbps if settings.target_kbps == AUTO else float(settings.target_kbps)
         self._plan = Plan(1e3 * target_kbps, model, operating_curve(settings.codec, pins_of(settings)), knob.renewal)
 
     def _reached(self) -> bool:
-        """Whether the target is kept; one that follows the path is compared with no mean of five seconds. Nothing is
-        missed where the finest that the curve has takes less."""
+        """Whether the target is reached. With target `auto` the mean of five seconds is not compared. If even the
+        finest point of the curve needs less, the target also counts as reached."""
         limit = self._limited_by()
         if self._settings.target_kbps == AUTO:
             return limit != "floor"
@@ -257,12 +258,12 @@ class RateControl:
         self._last = frame.index, frame.stamp_ns, _packets(frame)
 
     def _tell(self, seconds: float) -> None:
-        """Log when a target is missed, and when it is reached again; at most once in five seconds."""
-        self._untold_s += seconds
+        """Log when a target is missed and when it is reached again, at most once in five seconds."""
+        self._since_log_s += seconds
         reached = self._reached()
-        if reached == self._told or self._untold_s < (SETTLED_S if self._told else WINDOW_S):
+        if reached == self._logged_reached or self._since_log_s < (SETTLED_S if self._logged_reached else WINDOW_S):
             return
-        self._told, self._untold_s = reached, 0.0
+        self._logged_reached, self._since_log_s = reached, 0.0
         mean = kbps(self._state.budget, WINDOW_S) or 0.0
         low, high = reachable_kbps(self._state, self._plan) or (0.0, 0.0)
         logger.log(
@@ -278,7 +279,7 @@ class RateControl:
 
 
 def pins_of(settings: StreamSettings) -> Pins:
-    """What settings pin."""
+    """The values that the settings pin."""
     knob = table.codec(settings.codec).knob
     own = None if knob is None else settings.codec_settings.get(knob.setting)
     name, _, number = settings.reduction.partition(":")
@@ -289,7 +290,7 @@ def pins_of(settings: StreamSettings) -> Pins:
 
 
 def _nearest_to(point: WorkingPoint, curve: Curve) -> int:
-    """Index of the point of a curve that is most like another one."""
+    """Index of the point of a curve that is most similar to another point."""
 
     def unlike(place: int) -> tuple[float, float, float]:
         of = curve.points[place]

@@ -1,4 +1,4 @@
-"""The controller: (state, frame) to a working point, (state, what was sent) to the next state. No clock.
+"""The controller: (state, frame) gives a working point, and (state, sent message) the next state. No clock.
 
 >>> from lidarcodec.ratecontrol.curve import Pins, operating_curve
 >>> plan = Plan(1e6, "riddle", operating_curve("riddle", Pins()))
@@ -30,24 +30,25 @@ from lidarcodec.ratecontrol.model import DROP, RangeModel, Scale, bits_per_retur
 Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 0.05
-"""A mean of five seconds within this fraction of the target has reached it."""
+"""The target counts as reached if the mean of five seconds is within this fraction of it."""
 HORIZON_S = 1.0
-"""In what time a knob that is dear to turn pays back."""
+"""Time in which a change of an expensive knob must pay off."""
 HOLD = 0.12
-"""Such a knob stays while the logarithm of what a frame will take is no further than this from what it should; a dearer
-one longer."""
+"""An expensive knob is not changed while the logarithm of the expected size differs by less than this from that of the
+wanted size; with a more expensive knob the limit is larger."""
 SPILL = 1.6
-"""A message of a dear knob that takes so many times its share is not sent: another scene began. It is coded anew."""
+"""With an expensive knob, a message of so many times its share is not sent, because the scene has changed. It is coded
+again."""
 SAME_STEP = 0.1
-"""The step of the lattice stays while one of its points is so near, as a logarithm, to what a frame may take."""
+"""The step of the lattice stays while one of its points is so near, as a logarithm, to the wanted size."""
 LONGEST_S = 0.5
-"""Time between two frames that are sent, at the lowest rates: two a second."""
+"""Longest time between two sent frames at the lowest bitrates: two frames a second."""
 SETTLED_S = 1.0
-"""Before so much was sent, whether a target is reached is a prediction."""
+"""Before so many seconds were sent, a prediction decides whether the target is reached."""
 
 
 class Load(NamedTuple):
-    """What a message carries: returns of the original frames, packets, and seconds in which the sensor made them."""
+    """Contents of a message: returns of the original frames, packets, and seconds of the sensor's time."""
 
     returns: int
     packets: int
@@ -55,7 +56,7 @@ class Load(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Bits of a message: of ranges, intensity, calibration, and all else; renewed: it refers to none before."""
+    """Bits of a message: ranges, intensity, calibration, and the rest; renewed: whether it refers to no earlier one"""
 
     range: float
     intensity: float
@@ -65,15 +66,15 @@ class Sizes(NamedTuple):
 
     @property
     def total(self) -> float:
-        """All of them."""
+        """The sum of all."""
         return self.range + self.intensity + self.rest + self.calibration
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What the settings ask for, worked out once.
+    """The settings in the form that the controller needs.
 
-    target_bps: the target; model: name of the range model that applies; curve: the working points to choose from
+    target_bps: the target; model: name of the range model; curve: the available working points
     renewal: as in the knob
     """
 
@@ -89,17 +90,17 @@ class Plan:
 
     @cached_property
     def guess(self) -> Floats:
-        """(N,) float64, bits of the range of a return that is sent, at each point, in a scene like those measured."""
+        """(N,) float64, bits for the range of a sent return, at each point, in a scene like the measured ones."""
         guess: Floats = self.curve.range * self.steps
         return guess
 
 
 @dataclass(frozen=True)
 class RateState:
-    """All that the controller knows.
+    """The state of the controller.
 
-    ranges: models by name; intensity, rest: how often these take what the curve says
-    roughness: that of the range model that learned last, where a new one begins
+    ranges: range models by name; intensity, rest: their bits relative to the curve
+    roughness: roughness in the range model that learned last; a new model begins with it
     flow: returns and seconds of a packet, None before the first message; unit: frames in the last message
     """
 
@@ -130,7 +131,9 @@ def expected_bits(state: RateState, plan: Plan, load: Load) -> Floats:
 
 
 def chosen(state: RateState, plan: Plan, load: Load, last: int | None = None, *, key: bool = False) -> int:
-    """Index of the point for a frame of that load. last: that of the frame before; key: it refers to none anyway."""
+    """Index of the point for a frame with this load. last: point of the previous frame; key: whether it is a key
+    frame
+    """
     unit_s = load.seconds * state.unit
     expected = expected_bits(state, plan, load)
     if plan.renewal is None:
@@ -142,14 +145,14 @@ def chosen(state: RateState, plan: Plan, load: Load, last: int | None = None, *,
     off = abs(math.log(max(expected[last], 1.0) / max(wanted, 1.0)))
     if not key and (off <= HOLD * math.sqrt(renewal) or _nearest(expected, wanted) == last):
         return last
-    # The renewal is paid for by the frames of the horizon.
+    # The cost of the renewal is divided among the frames of the horizon.
     more = (renewal - 1.0) * min(load.seconds / HORIZON_S, 1.0)
     return _nearest(expected + more * expected_range(state, plan, load), wanted)
 
 
 def _nearest(expected: Floats, wanted: float, plan: Plan | None = None, last: int | None = None) -> int:
-    """Index of the point whose bits are nearest; of those of the last frame's step if one is near enough, so that a
-    stream does not go to and fro between two steps."""
+    """Index of the point with the nearest bits. A point with the last frame's step is preferred if one is near enough,
+    so that a stream does not alternate between two steps."""
     off = np.abs(np.log(np.maximum(expected, 1.0) / max(wanted, 1.0)))
     best = int(np.argmin(off))
     if plan is None or last is None or last >= len(off) or plan.steps[last] == plan.steps[best]:
@@ -166,9 +169,9 @@ def _renewal(state: RateState, plan: Plan) -> float:
 
 
 def skips(state: RateState, plan: Plan, load: Load, since_s: float) -> bool:
-    """Whether a frame is left out, because not even the cheapest working point keeps the target with all frames.
+    """Whether to skip a frame, because even the cheapest working point exceeds the target with all frames.
 
-    since_s: time since the last frame that was sent; after LONGEST_S one is sent whatever it takes
+    since_s: time since the last sent frame; after LONGEST_S a frame is always sent
     """
     least = float(expected_bits(state, plan, load)[0])
     if least <= plan.target_bps * load.seconds or since_s + load.seconds > LONGEST_S:
@@ -177,12 +180,12 @@ def skips(state: RateState, plan: Plan, load: Load, since_s: float) -> bool:
 
 
 def left_out(state: RateState, plan: Plan, load: Load) -> RateState:
-    """The state after a frame that was left out."""
+    """The state after a skipped frame."""
     return replace(state, budget=spend(state.budget, load.seconds, 0.0, plan.target_bps))
 
 
 def measured(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes, frames: int = 1) -> RateState:
-    """The state after a message of `frames` frames, made at a point, took these bits."""
+    """The state after a message of `frames` frames, coded at point `level`, with these sizes."""
     expected = expected_bits(state, plan, load)
     asked = plan.target_bps * load.seconds
     idle = level == len(plan.curve.points) - 1 and float(expected[-1]) <= asked
@@ -210,23 +213,24 @@ def measured(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes,
 
 
 def surprised(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes) -> RateState | None:
-    """The state that knows the scene of a message that takes far too much, and is coded anew; None for any other."""
+    """The state after a message that is far too large and must be coded again: it has learned the scene. None for any
+    other message."""
     wanted = plan.target_bps * load.seconds
     if plan.renewal is None or sizes.renewed or level == 0 or not load.returns or sizes.total <= SPILL * wanted:
         return None
-    bits = sizes.range / _renewal(state, plan)  # nothing before it was of use to such a message
+    bits = sizes.range / _renewal(state, plan)  # such a message gained nothing from earlier ones
     sent = max(round(load.returns / plan.steps[level]), 1)
     ranges = learned(_model(state, plan), HORIZON_S, bits, sent, float(plan.guess[level]))
     return replace(state, ranges={**state.ranges, plan.model: ranges}, roughness=ranges.roughness)
 
 
 def retargeted(state: RateState) -> RateState:
-    """The state under another target: what was learned stays, debts and means begin anew."""
+    """The state for another target: models are kept, debts and means start again."""
     return replace(state, budget=Budget())
 
 
 def reachable_kbps(state: RateState, plan: Plan) -> tuple[float, float] | None:
-    """The lowest and the highest kbit/s that the knob can give on the last frames' scene; None before the first."""
+    """The lowest and the highest kbit/s of the knob for the scene of the last frames; None before the first frame."""
     if state.flow is None:
         return None
     returns, seconds = state.flow
@@ -236,7 +240,7 @@ def reachable_kbps(state: RateState, plan: Plan) -> tuple[float, float] | None:
 
 
 def limited_by(state: RateState, plan: Plan) -> str:
-    """What sets the size: the `target`, or the `codec` at its finest, or at its coarsest, the `floor`."""
+    """What determines the size: the `target`; the `codec` at its finest point; or the `floor`, its coarsest point."""
     ends = reachable_kbps(state, plan)
     target_kbps = plan.target_bps / 1e3
     if ends is not None and target_kbps < ends[0]:
@@ -247,7 +251,7 @@ def limited_by(state: RateState, plan: Plan) -> str:
 
 
 def on_target(state: RateState, plan: Plan) -> bool:
-    """Whether the mean of the last five seconds is the target; at the start, whether it will be."""
+    """Whether the mean of the last five seconds is at the target; at the start, whether it is expected to be."""
     target_kbps = plan.target_bps / 1e3
     if covered_s(state.budget) < SETTLED_S:
         ends = reachable_kbps(state, plan)

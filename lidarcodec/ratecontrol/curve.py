@@ -1,9 +1,9 @@
-"""Operating curves: for each number of bits the working point that shows most, out of what was measured.
+"""Operating curves: for each number of bits the best measured working point.
 
 A working point is a step of the lattice of columns, a value of the codec's knob and a number of intensity levels.
-`working_points.json` has, for each codec, what points of a grid took and showed on training drives (how:
-`benchmarks/working_points.py`). From it a curve is made for what the operator left free: what is pinned stays, the
-rest moves. Along a curve more bits never show less: neither distances, nor errors of intensity, nor the step grow.
+`working_points.json` has, for each codec, bits and quality of a grid of points on training drives (made by
+`benchmarks/working_points.py`). A curve is made for the settings that the operator left free; pinned settings stay
+fixed. Along a curve with more bits, distances, errors of intensity and the step never increase.
 
 >>> curve = operating_curve("riddle", Pins())
 >>> bool((np.diff(curve.bits) > 0).all()), bool((np.diff(curve.cost) < 0).all())
@@ -33,24 +33,25 @@ from lidarcodec.units import RANGE_STEP_M
 Floats = npt.NDArray[np.float64]
 
 RETURNS_A_SECOND: Final = 1_100_000
-"""Of an HDL-64E in a street, in single return."""
+"""Returns of a frame of an HDL-64E in a street, with single returns."""
 COARSEST_M: Final = 0.3
-"""No automatic choice makes a larger range error, nor a larger RMSE of a codec that keeps no bound."""
+"""Largest range error of automatic choices; for a codec without a bound the largest RMSE."""
 COARSEST_RMSE_M: Final = 0.2
-"""RMSE on training drives up to which a codec without a bound is used: other scenes are rougher."""
+"""Largest RMSE on training drives for a codec without a bound, because other scenes are rougher."""
 SPARSE_RMSE_M: Final = 0.1
-"""The same where a reducer chose returns: their neighbours in the picture are farther off than when it was measured."""
+"""The same if a reducer chooses returns, because neighbours in the image are then farther apart than in the
+measurement."""
 INTENSITY_M: Final = 1e-4
-"""What a squared error of intensity (of 255) weighs, in metres of Chamfer distance, up to INTENSITY_KNEE."""
+"""Weight of a squared error of intensity (of 255), in metres of Chamfer distance, up to INTENSITY_KNEE."""
 INTENSITY_KNEE: Final = 18.0
-"""RMSE of intensity up to which shades are seen, and not only what is bright and what is dark."""
+"""RMSE of intensity up to which shades are visible. Above it only bright and dark can be distinguished."""
 INTENSITY_BEYOND_M: Final = 4e-4
-"""What a step of RMSE weighs just beyond the knee, in metres; at twice that RMSE it weighs half, and so on."""
+"""Weight of a step of RMSE just above the knee, in metres; at twice this RMSE the weight is half, and so on."""
 
 
 class WorkingPoint(NamedTuple):
-    """step: every step-th column is sent, or one return in so many; value: of the codec's knob; levels: of intensity,
-    256 lossless, 0 none."""
+    """step: every step-th column, or one in so many returns, is sent; value: value of the codec's knob; levels:
+    levels of intensity, 256 lossless, 0 none"""
 
     step: int
     value: float
@@ -58,10 +59,10 @@ class WorkingPoint(NamedTuple):
 
 
 class Pins(NamedTuple):
-    """What is pinned; None is free.
+    """Pinned values; None: free.
 
-    step: of the lattice; levels: of intensity; bound_m: the coarsest; value: of the knob of a codec without a bound
-    sparse: whether a reducer chooses the returns otherwise than when the points were measured
+    step: step of the lattice; levels: levels of intensity; bound_m: largest error bound; value: knob of a codec without
+    a bound; sparse: whether a reducer chooses the returns, unlike in the measurement of the points
     """
 
     step: int | None = None
@@ -74,9 +75,9 @@ class Pins(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """points: from fewest bits to most; of each point (N,): `range`, `intensity` and `rest`, in bits per return of the
-    original frame; `chamfer_m` and `shades`, the distance in metres and the RMSE of intensity, of 255, both with gaps
-    filled in; and `cost`, what is missing from the picture, in metres. None of these three ever grows."""
+    """points: with increasing bits. For each point, (N,): `range`, `intensity` and `rest`, in bits per return of the
+    original frame; `chamfer_m` and `shades`, the distance in metres and the RMSE of intensity (of 255), both with
+    interpolated returns; and `cost`, the loss of quality in metres. The last three never increase."""
 
     points: tuple[WorkingPoint, ...]
     range: Floats
@@ -88,14 +89,14 @@ class Curve:
 
     @property
     def bits(self) -> Floats:
-        """(N,) bits per return of the original frame, all in all."""
+        """(N,) total bits per return of the original frame."""
         return self.range + self.intensity + self.rest
 
 
 @lru_cache(maxsize=8)
 def _measured(purpose: Purpose = "look") -> dict[str, Any]:
-    """What was measured for a purpose, by codec. What a point is worth stands in for the Chamfer distance where it is
-    something else: a car's distance from its place (`localise`), that of things to what is sent (`detect`)."""
+    """Measured points for a purpose, by codec. Other purposes have another measure in place of the Chamfer distance:
+    the position error of a car (`localise`), or the distance from objects to the sent returns (`detect`)."""
     found = _read("working_points_localise.json" if purpose == "localise" else "working_points.json")
     if purpose == "localise":
         for entry in found.values():
@@ -114,7 +115,9 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _worth_of(things: dict[str, Any], entry: dict[str, Any]) -> list[list[float]]:
-    """What points are worth to a detector, by step and value: a codec without a bound as one with the same RMSE."""
+    """Quality of points for a detector, by step and value. A codec without a bound counts like one with the same
+    RMSE.
+    """
     bounds = np.sqrt(3.0) * np.array(entry["rmse_m"])
     if entry["bounded"]:
         bounds = np.broadcast_to(np.array(entry["values"]), bounds.shape)
@@ -125,14 +128,15 @@ def _worth_of(things: dict[str, Any], entry: dict[str, Any]) -> list[list[float]
 
 
 def has_curve(codec: str) -> bool:
-    """Whether the working points of a codec were measured. Only such a codec is chosen by `auto`."""
+    """Whether the working points of a codec were measured. `auto` chooses only such codecs."""
     return codec in _measured()
 
 
 def _points(codec: str, purpose: Purpose) -> dict[str, Any]:
-    """What was measured of a codec; else of the measured codec with the same knob that takes the most bits.
+    """The measured points of a codec. If it was not measured: of the measured codec with the same knob and the most
+    bits.
 
-    Rate control begins with it, and corrects it by what is sent.
+    Rate control begins with them, and corrects them from sent messages.
     """
     found = _measured(purpose)
     if codec in found:
@@ -147,10 +151,10 @@ def _points(codec: str, purpose: Purpose) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def operating_curve(codec: str, pins: Pins) -> Curve:
-    """The curve of a codec around what is pinned. At least one point.
+    """The curve of a codec with these pinned values; at least one point.
 
-    Where a pinned value was not measured, what lies nearest is where the rate control begins to learn. A codec that was
-    not measured has the curve of the most similar one (`has_curve`).
+    If a pinned value was not measured, the nearest one is used, and rate control corrects it. A codec that was not
+    measured has the curve of the most similar one (`has_curve`).
     """
     if pins.purpose in ("localise", "detect") and pins.levels is None:
         pins = pins._replace(levels=0)
@@ -165,7 +169,7 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
     allowed_levels = levels if pins.levels is None else levels[[np.abs(levels - pins.levels).argmin()]]
     fine_enough = _allowed(entry, codec, values, grids["rmse_m"], pins)
     shades = np.array(entry["intensity_rmse"])
-    shades[:, levels == 0] = shades.max()  # none is none, whichever columns have none
+    shades[:, levels == 0] = shades.max()  # without intensity the step does not matter
     parts: list[list[Floats]] = []
     for step in allowed_steps:
         at = int(np.flatnonzero(steps == step)[0])
@@ -189,14 +193,14 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
 
 
 def _missed(rmse: Floats) -> Floats:
-    """What RMSEs of intensity weigh, in metres; same shape."""
+    """Weights of RMSEs of intensity in metres; same shape."""
     beyond = INTENSITY_KNEE * np.log(np.maximum(rmse / INTENSITY_KNEE, 1.0))
     missed: Floats = INTENSITY_M * np.minimum(rmse, INTENSITY_KNEE) ** 2 + INTENSITY_BEYOND_M * beyond
     return missed
 
 
 def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Floats, dict[str, Floats]]:
-    """All values of the knob between those that were measured, a pinned bound too, and the measured grids at them."""
+    """Values of the knob between the measured ones, including a pinned bound, and the grids interpolated at them."""
     knob = table.codec(codec).knob
     assert knob is not None
     places: Floats = np.array(knob.places(entry["values"]))
@@ -204,7 +208,7 @@ def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Flo
     all_values = np.unique([*knob.values, *own])[:: -1 if knob.setting != "quality" else 1]
     all_places = np.array(knob.places(all_values.tolist()))
     inside = (all_places >= places[0] - 1e-9) & (all_places <= places[-1] + 1e-9)
-    if own:  # a bound finer than all that was measured holds, too: it begins with what the finest of these took
+    if own:  # a finer bound than all measured ones is allowed: it begins with the bits of the finest measured one
         inside |= all_values == min(own[0], *entry["values"])
     at = all_places[inside]
     grids = {
@@ -215,7 +219,7 @@ def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Flo
 
 
 def _allowed(entry: dict[str, Any], codec: str, values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
-    """(steps, values) bool, what no automatic choice may exceed left out; the finest value is always there."""
+    """(steps, values) bool, points within the limits of automatic choices; the finest value is always allowed."""
     if entry["knob"] != BOUND:
         fine = rmse <= (SPARSE_RMSE_M if pins.sparse else COARSEST_RMSE_M)
         if pins.value is not None:

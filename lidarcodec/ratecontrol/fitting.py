@@ -1,7 +1,7 @@
-"""Fitting: a message of several frames tried at more than one value of the knob, until it takes what it may.
+"""Fitting: codes a message of several frames with more than one value of the knob, until it has its allowed size.
 
-A message of one frame that took too much is made up for by the next, 0.1 s later. A group of eight is 0.8 s of the
-stream: nothing that follows within a second can take it back, so it has to be right when it is sent.
+If a message of one frame is too large, the next one compensates 0.1 s later. A group of eight frames is 0.8 s of the
+stream. Nothing can compensate for it within a second, so its size must be right at once.
 
 >>> from lidarcodec.ratecontrol.curve import Pins, operating_curve
 >>> plan = Plan(2.5e6, "jpeg-layered", operating_curve("jpeg-layered", Pins(step=1, levels=0)))
@@ -25,20 +25,20 @@ from lidarcodec.ratecontrol.budget import share
 from lidarcodec.ratecontrol.controller import Load, Plan, RateState, expected_range
 
 ATTEMPTS: Final = 4
-"""Each takes as long as encoding the group without a target. Two are nearly always enough."""
+"""Most attempts. Each takes as long as encoding the group without a target. Two are nearly always enough."""
 CLOSE: Final = 0.03
-"""What misses the budget by less than this fraction of the whole message is sent."""
+"""A message is sent if it misses the budget by less than this fraction of its size."""
 
 STEEPEST: Final = 0.5
-"""How far the curve is bent beyond what was tried, at most: noise between two levels side by side may look steep."""
+"""Limit of extrapolation beyond the attempts, because noise between two adjacent levels may look steep."""
 
 
 def fitted(
     state: RateState, plan: Plan, load: Load, beside: float, attempt: Callable[[int], bytes]
 ) -> tuple[int, bytes]:
-    """Index of the point, and the ranges coded at it, with which a message takes what the budget gives it.
+    """Index of the point at which a message fits the budget, and the ranges coded at this point.
 
-    load: of the whole message; beside: its bits but for the ranges; attempt: ranges coded at a point
+    load: load of the whole message; beside: its bits without the ranges; attempt: codes the ranges at a point
     """
     wanted = share(state.budget, load.seconds, load.seconds, plan.target_bps)
     guess = expected_range(state, plan, load)
@@ -60,7 +60,7 @@ def fitted(
 
 
 def _corrected(guess: npt.NDArray[np.float64], tried: dict[int, bytes]) -> npt.NDArray[np.float64]:
-    """(N,) float64, the guess bent to go through what was tried, log-linear between and beyond."""
+    """(N,) float64, the guess corrected to agree with the attempts, log-linear between and beyond them."""
     levels = sorted(tried)
     at = np.log(guess)
     off = np.log([max(8 * len(tried[level]), 1) for level in levels]) - at[levels]

@@ -1,9 +1,9 @@
-"""What a frame will take: a codec's curve, bent to fit the frames before, and the parts that no knob turns.
+"""Predicts the size of a frame: a codec's curve, corrected by earlier frames, plus the parts without a knob.
 
-ln(bits per return of the range) = ln(curve(value)) + roughness * tilt(curve(value)). Frames differ most by how rough
-the scene is, and the next frame is 0.1 s from the last, so one number learned quickly does. A rough scene takes a tenth
-more than a smooth one when coded without loss, and twice as much in steps of metres: that is the tilt. Intensity is
-learned by the return; mask, azimuth, side information and header by the packet.
+ln(bits per return of the range) = ln(curve(value)) + roughness * tilt(curve(value)). Frames differ most in the
+roughness of the scene, and the next frame is only 0.1 s later, so one quickly learned number is enough. A rough scene
+needs a tenth more bits than a smooth one without loss, and twice as many with steps of metres: that is the tilt.
+Intensity is learned per return; mask, azimuth, side information and header per packet.
 
 >>> model = learned(RangeModel(), seconds=0.1, bits=4e5, returns=100_000, guess=2.0)
 >>> bits_per_return(model, np.array([2.0])).round(3).tolist()
@@ -22,20 +22,21 @@ import numpy.typing as npt
 LEARN_S: Final = 0.08
 """Time constant of learning: a frame of 0.1 s moves a model by 71 % of its error, a slab of 8 ms by 10 %."""
 MAX_ROUGHNESS: Final = 6.0
-"""The two drives of the curves lie at -0.5 and 0.5. From 6.7 on coarse would be expected to take more than fine."""
+"""Limit of the roughness. The two drives of the curves are at -0.5 and 0.5. From 6.7 on the model would predict more
+bits for coarse points than for fine ones."""
 MAX_RENEWAL: Final = 4.0
 RENEWAL_SHARE: Final = 0.3
 DROP: Final = 0.2
-"""A picture like one that was just sent costs next to nothing, and says nothing about the next."""
+"""An image like the previous one needs almost no bits, and says nothing about the next."""
 MOST_SCALE: Final = 30.0
-"""Slabs of few packets have many times the headers of the whole turns that curves were measured with."""
+"""Slabs of few packets have many times more headers than the whole turns in the measurement of the curves."""
 
 
 @dataclass(frozen=True)
 class RangeModel:
-    """roughness: 0 where a stream takes what the curve says; seen: messages learned from.
+    """roughness: 0 if a stream needs the bits of the curve; seen: number of learned messages
 
-    renewal: how often a message that refers to none before takes what it otherwise would; None until one told
+    renewal: size of a message without references relative to its usual size; None before the first one
     """
 
     roughness: float = 0.0
@@ -45,24 +46,24 @@ class RangeModel:
 
 @dataclass(frozen=True)
 class Scale:
-    """How often a part takes what the curve says; seen: messages learned from."""
+    """Size of a part relative to the curve; seen: number of learned messages"""
 
     times: float = 1.0
     seen: int = 0
 
 
 def gain(seconds: float, seen: int) -> float:
-    """How much of an error a model takes in: all of the first, then by the time that the message covers."""
+    """Share of an error that a model learns: all of the first, then by the time that the message covers."""
     return max(1.0 - math.exp(-seconds / LEARN_S), 1.0 / (seen + 1))
 
 
 def tilt(guess: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(N,) float64, how much roughness moves the logarithm of so many bits a return; from pcodec's two drives."""
+    """(N,) float64, effect of roughness on the logarithm of the bits a return; from pcodec on two drives."""
     return np.maximum(0.4 - 0.15 * np.log(guess), 0.1)
 
 
 def bits_per_return(model: RangeModel, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(N,) float64, bits of a return's range where the curve says (N,) bits."""
+    """(N,) float64, predicted bits of a return's range, from the (N,) bits of the curve."""
     bits: npt.NDArray[np.float64] = curve * np.exp(model.roughness * tilt(curve))
     return bits
 
@@ -70,9 +71,9 @@ def bits_per_return(model: RangeModel, curve: npt.NDArray[np.float64]) -> npt.ND
 def learned(
     model: RangeModel, seconds: float, bits: float, returns: int, guess: float, drop: float = math.inf
 ) -> RangeModel:
-    """The model after ranges that took `bits` where the curve says `guess` a return; no return teaches nothing.
+    """The model after ranges of `bits`, where the curve gives `guess` bits a return. Without returns it is unchanged.
 
-    drop: no message is believed that it took less than expected by a factor with a greater logarithm.
+    drop: limit for the logarithm of the factor by which a message may be smaller than predicted
     """
     if not returns:
         return model
@@ -85,9 +86,9 @@ def learned(
 
 
 def renewed(model: RangeModel, seconds: float, bits: float, returns: int, guess: float, renewal: float) -> RangeModel:
-    """As `learned`, of ranges that refer to none before. renewal: how much more those take, as far as is known.
+    """As `learned`, for ranges without references. renewal: their known relative size
 
-    What it took more than it should is laid partly on the scene, partly on the renewal.
+    The error changes partly the roughness and partly the renewal.
     """
     if not returns:
         return model
@@ -101,7 +102,9 @@ def renewed(model: RangeModel, seconds: float, bits: float, returns: int, guess:
 
 
 def scaled(scale: Scale, seconds: float, bits: float, guess: float) -> Scale:
-    """The scale after a message whose part took `bits` where the curve says `guess`; of no guess nothing is learned."""
+    """The scale after a message with `bits` for a part, where the curve gives `guess`. Without a guess it is
+    unchanged.
+    """
     if guess <= 0.0:
         return scale
     times = scale.times + gain(seconds, scale.seen) * (bits / guess - scale.times)

@@ -1,4 +1,4 @@
-"""Presets for links: nothing but a purpose, a codec and a target bitrate, by the name of what carries the stream.
+"""Presets for links: a purpose, a codec and a target bitrate for each kind of link.
 
 >>> PRESETS["1mbit"].settings
 {'purpose': 'look', 'codec': 'auto', 'target_kbps': 800.0}
@@ -14,11 +14,11 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import AUTO, Purpose
 
 ROOM: Final = 0.8
-"""Part of a link's bitrate that a preset takes as its target. At 80 % a link has no queue; at 91 % it has one."""
+"""Target of a preset as a share of the link's bitrate. At 80 % a link has no queue; at 91 % it has one."""
 
 
 class Preset(NamedTuple):
-    """name: as on the command line;  label: for people;  the others: settings of a stream"""
+    """name: name on the command line;  label: text for people;  others: settings of a stream"""
 
     name: str
     label: str
@@ -28,12 +28,12 @@ class Preset(NamedTuple):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings that it stands for."""
+        """The settings of the preset."""
         return {"purpose": self.purpose, "codec": self.codec, "target_kbps": self.target_kbps}
 
     @property
     def text(self) -> str:
-        """The same as they would be written on the command line."""
+        """The settings as text, as on the command line."""
         return ", ".join(f"{key}={'null' if value is None else _plain(value)}" for key, value in self.settings.items())
 
 
@@ -49,7 +49,7 @@ PRESETS: Final = {
 
 
 def preset(name: str) -> Preset:
-    """The preset of that name.
+    """The preset with this name.
 
     Raises SettingsError.
     """

@@ -1,4 +1,4 @@
-"""What keeps a stream from its target bitrate: said before a frame was encoded, and of what was measured since.
+"""Warnings about a target bitrate that cannot be reached: predicted from the settings, or measured in the stream.
 
 >>> from lidarcodec.settings import StreamSettings
 >>> reach_warning(StreamSettings(codec="riddle", target_kbps=1000)) is None
@@ -21,19 +21,19 @@ from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_
 from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
-"""Settings that keep a stream from its target, and what leaves them free."""
+"""Settings that can prevent a target, and the value that leaves each of them free."""
 SURE: Final = 0.8
-"""A target is said to be out of reach below this share of what is expected to be needed: scenes differ."""
+"""A target is out of reach if it is below this share of the predicted bitrate; the margin is for different scenes."""
 LOWERS: Final = 0.95
-"""A setting is in the way if, left free, it takes what is needed below this share."""
+"""A setting prevents a target if leaving it free reduces the needed bitrate below this share."""
 
 
 class ReachWarning(NamedTuple):
-    """Why a target is not kept.
+    """Why a target is not reached.
 
     code:     for programs: `target_out_of_reach` (expected), `target_missed` or `frames_left_out` (measured)
-    message:  what is wrong;  remedy: what to do;  settings: names of those that are in the way
-    asked_kbps, sent_kbps, needed_kbps: the target, the mean of five seconds, what all frames take; None: not known
+    message:  what is wrong;  remedy: what to do;  settings: names of the settings that prevent it
+    asked_kbps, sent_kbps, needed_kbps: the target, the mean of five seconds, the bitrate of all frames; None: unknown
     """
 
     code: str
@@ -46,14 +46,14 @@ class ReachWarning(NamedTuple):
 
 
 def pinned(settings: StreamSettings) -> list[str]:
-    """Names of the settings that are set, and so are kept beside a target. A codec's own: `codec_settings.NAME`."""
+    """Names of the pinned settings, which a target does not change. Settings of a codec: `codec_settings.NAME`."""
     knob = table.codec(without_auto(settings).codec).knob
     own = [] if knob is None or knob.setting not in settings.codec_settings else [f"codec_settings.{knob.setting}"]
     return [name for name, free in FREE.items() if getattr(settings, name) != free] + own
 
 
 def least_kbps(settings: StreamSettings) -> float | None:
-    """What the smallest working point is expected to take, all frames sent; None where that was never measured."""
+    """Predicted bitrate of the smallest working point with all frames; None if it was not measured."""
     settings = without_auto(settings)
     if table.codec(settings.codec).knob is None or not has_curve(settings.codec):
         return None
@@ -64,7 +64,7 @@ def least_kbps(settings: StreamSettings) -> float | None:
 
 
 def in_the_way(settings: StreamSettings) -> tuple[str, ...]:
-    """Names of the pinned settings without which every frame would take clearly less."""
+    """Names of the pinned settings without which frames would be clearly smaller."""
     least = least_kbps(settings)
     names = pinned(settings)
     if least is None:
@@ -73,8 +73,8 @@ def in_the_way(settings: StreamSettings) -> tuple[str, ...]:
 
 
 def reach_warning(settings: StreamSettings) -> ReachWarning | None:
-    """What to say before a target is tried that is not expected to be kept with all frames; None if it is, or there is
-    none."""
+    """The warning before a target is tried that probably cannot carry all frames; None if it can, or if there is no
+    target."""
     least = least_kbps(settings)
     if not isinstance(settings.target_kbps, int | float) or least is None or settings.target_kbps >= SURE * least:
         return None
@@ -93,9 +93,9 @@ def reach_warning(settings: StreamSettings) -> ReachWarning | None:
 
 
 def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> ReachWarning | None:
-    """What to say of a stream that misses its target, or keeps it by leaving out frames; None while all is well.
+    """The warning for a stream that misses its target, or reaches it only by skipping frames; otherwise None.
 
-    rate: the `rate` of the status that belongs to these settings, whose fields may be missing; None: not told yet
+    rate: the field `rate` of a status with these settings; its fields may be missing. None: no status yet
     """
     if settings.target_kbps is None or table.codec(without_auto(settings).codec).knob is None:
         return None
@@ -120,13 +120,13 @@ def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> 
 
 
 def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
-    """The settings with some of those that are pinned left free."""
+    """The settings with some of the pinned ones left free."""
     own = {name: value for name, value in settings.codec_settings.items() if f"codec_settings.{name}" not in names}
     return settings.changed(codec_settings=own, **{name: FREE[name] for name in names if name in FREE})
 
 
 def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> str:
-    """What to do where all frames take `needed` kbit/s."""
+    """What to do if all frames need `needed` kbit/s."""
     instead = (
         "choose another codec, or use a better path"
         if settings.target_kbps == AUTO
