@@ -146,7 +146,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     frames, source = _drive()
     with pytest.raises(SettingsError, match="not empty"):
         annotate(frames[:2], AnnotationFolder(tmp_path), AnnotationSettings(), source.poses)
-    with pytest.raises(SourceError, match="no whole frame"):
+    with pytest.raises(SourceError, match="no complete frame"):
         annotate([], AnnotationFolder(tmp_path / "new"), AnnotationSettings(), source.poses)
     with pytest.raises(SourceError):
         _ = AnnotationFolder(tmp_path / "nothing").frames

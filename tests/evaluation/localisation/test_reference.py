@@ -31,7 +31,7 @@ def test_cut_turns_at_the_ends_are_left_out(street):
 
 
 def test_a_drive_with_too_little_in_it_is_refused():
-    with pytest.raises(SourceError, match="whole frames"):
+    with pytest.raises(SourceError, match="complete frames"):
         read_drive("sim:street?frames=1")
 
 
