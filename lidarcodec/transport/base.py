@@ -30,8 +30,9 @@ class Priority(Enum):
     """Order of sending on a slow link. Each priority has its own queue on every link."""
 
     REAL_TIME = "real_time"
-    """Arrival reports: a few bytes, sent at once, never behind a frame. Of two within a millisecond on one link a busy
-    machine may drop the second without notice: a program that waits for a report must go on without it."""
+    """Arrival reports: a few bytes, sent at once, never behind a frame. If two leave within a millisecond on one
+    link, a
+    busy machine may drop the second silently. So a program must not wait for a report forever."""
     FRAMES = "frames"
     """Messages: they never block the sender. If one already waits for the link, the next is dropped."""
     EVERY_FRAME = "every_frame"
@@ -43,7 +44,7 @@ class Priority(Enum):
 
 
 class Closeable(Protocol):
-    """Something that must be closed; `close` is harmless when called twice."""
+    """Something that must be closed. A second `close` does nothing."""
 
     def close(self) -> None: ...
 
@@ -56,10 +57,10 @@ class Sender(Closeable, Protocol):
         """Whether anybody else receives this key."""
 
     def put(self, data: bytes, attachment: bytes | None = None) -> None:
-        """Hand the bytes to the network; never waits for a receiver, and for a full link only with EVERY_FRAME.
+        """Pass the bytes to the network. It never waits for a receiver, and for a full link only with EVERY_FRAME.
 
         attachment: metadata for other programs; receivers of lidarcodec ignore it
-        Raises TransportError when the transport is closed.
+        Raises TransportError if the transport is closed.
         """
 
 
@@ -67,7 +68,7 @@ class Inbox(Closeable, Protocol):
     """Receives one key and keeps only the newest message: older ones are replaced, never queued."""
 
     def receive(self) -> bytes | None:
-        """The newest message, as soon as there is one; None once the inbox or its transport is closed."""
+        """Wait for a message and return the newest; None once the inbox or its transport is closed."""
 
 
 class Transport(Closeable, Protocol):

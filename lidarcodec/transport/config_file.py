@@ -1,6 +1,6 @@
-"""What a Zenoh configuration file must not be before Zenoh reads it.
+"""Checks a Zenoh configuration file before Zenoh reads it.
 
-Zenoh's own reader ends the process, without an error, where values are nested some ten thousand deep.
+Zenoh's own reader ends the process, without an error, if values are nested some ten thousand deep.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import TransportError
 
 MAX_DEPTH: Final = 32
-"""Access control of `lidarcodec certs` takes six."""
+"""Deepest nesting. Access control of `lidarcodec certs` needs six levels."""
 _TOKENS: Final = re.compile(
     rb'"(?:[^"\\]|\\.)*"?|' rb"'(?:[^'\\]|\\.)*'?|" rb"//[^\n]*|/\*.*?(?:\*/|\Z)|[\[{\]}]", re.DOTALL
 )
-"""Texts, comments, and brackets outside of them. What is not closed goes to the end, so nothing is looked at twice."""
+"""Texts, comments, and brackets outside of them. An unclosed one extends to the end, so each byte is matched once."""
 
 
 def check_config_file(path: Path) -> None:

@@ -1,7 +1,7 @@
-"""Where to listen and connect, and the Zenoh configuration that follows from it. Imports no network library.
+"""Where to listen and connect, and the Zenoh configuration for it. Imports no network library.
 
-Without any of it nothing leaves the machine: every process listens on a loopback port of its own, all meet at one known
-port (7447), and from there they find each other and connect directly.
+By default nothing leaves the machine: every process listens on its own loopback port, all meet at one known port
+(7447), find each other there and connect directly.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ LOOPBACK = "tcp/127.0.0.1"
 LOOPBACK_PORT = 7447
 PORT_VARIABLE = "LIDARCODEC_LOOPBACK_PORT"
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-"""The library's own default waits up to 4 s after a long outage; with this a stream is back within 0.5 s."""
+"""Interval of retries. With the library's default a stream may need 4 s after a long outage, with this 0.5 s."""
 OPEN_TIMEOUT_MS = 500
 LOCAL_OPEN_TIMEOUT_MS = 1000
-"""How long a program at the meeting point that is no Zenoh can delay the start."""
+"""Longest delay of the start by another program at the meeting point."""
 LARGEST = MAX_MESSAGE + (1 << 20)
 """Bytes of the largest message that a link puts together, with what Zenoh adds. A longer one is dropped while it comes,
 and the link goes on; without this limit it is 1 GiB, in the memory of every receiver."""
@@ -69,7 +69,7 @@ def _check_options(endpoint: str, kind: str, options: str | None) -> None:
 
 
 class Party(NamedTuple):
-    """Whom a configuration of `lidarcodec certs` is for."""
+    """The party to which a configuration of `lidarcodec certs` belongs."""
 
     role: str
     name: str
@@ -118,7 +118,7 @@ class Endpoints:
         mode: Mode | None = None,
         loopback_port: int | None = None,
     ) -> Self:
-        """From options as people give them: one endpoint or several, a path as text."""
+        """From options in simple forms: one endpoint or several, a path as text."""
 
         def several(given: str | tuple[str, ...] | list[str] | None) -> tuple[str, ...]:
             return (given,) if isinstance(given, str) else tuple(given or ())
@@ -129,12 +129,12 @@ class Endpoints:
 
     @property
     def local(self) -> bool:
-        """Whether nothing leaves the machine."""
+        """Whether all data stays on this machine."""
         return not self.listen and not self.connect and self.config is None
 
     @property
     def on_this_machine(self) -> bool:
-        """Whether all that is named here ends on this machine; what a configuration file says is not looked at."""
+        """Whether all given endpoints are on this machine. A configuration file is not considered."""
         return self.config is None and all(_ON_THIS_MACHINE.match(one) for one in self.listen + self.connect)
 
     @property
@@ -150,7 +150,7 @@ class Endpoints:
     def options(self) -> dict[str, Any]:
         """Zenoh configuration by path, to be put over the defaults, or over the file."""
         if self.config is not None:
-            mode = self.mode or ("peer" if self.listen else None)  # a client that is told to listen would not
+            mode = self.mode or ("peer" if self.listen else None)  # a client would not listen
             given = {"mode": mode, "listen/endpoints": list(self.listen), "connect/endpoints": list(self.connect)}
             return {path: value for path, value in given.items() if value}
         if self.local:
@@ -159,7 +159,7 @@ class Endpoints:
         return session_options(self.effective_mode, list(self.listen), list(self.connect))
 
     def rendezvous_options(self) -> dict[str, Any]:
-        """Configuration of the session that keeps the meeting point; it carries no data."""
+        """Configuration of the session at the meeting point; it carries no data."""
         return session_options("peer", [self.rendezvous], [])
 
 

@@ -1,4 +1,4 @@
-"""The keys of a stream (docs/wire-format.md), and what matches what.
+"""The keys of a stream (docs/wire-format.md), and matching of key expressions.
 
 >>> keys = StreamKeys("car-7", "roof")
 >>> keys.frame, keys.arrived("server")
@@ -19,7 +19,7 @@ from lidarcodec.settings import valid_name
 
 PREFIX = "lidarcodec/v1"
 SERVER_RECEIVER = "server"
-"""Name under which the server reports arrivals; publishers follow it when nothing else is set."""
+"""Name of the server in arrival reports; publishers follow it by default."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StreamKeys:
     def parse(cls, key: str) -> StreamKeys:
         """From `lidarcodec/v1/VEHICLE/SENSOR`, or just `VEHICLE/SENSOR`.
 
-        Raises SettingsError when it is neither.
+        Raises SettingsError for any other text.
         """
         parts = key.removeprefix(PREFIX + "/").split("/")
         if len(parts) != 2:
@@ -46,7 +46,7 @@ class StreamKeys:
 
     @property
     def prefix(self) -> str:
-        """What all keys of the stream begin with."""
+        """The prefix of all keys of the stream."""
         return f"{PREFIX}/{self.vehicle}/{self.sensor}"
 
     @property
@@ -56,7 +56,7 @@ class StreamKeys:
 
     @property
     def original(self) -> str:
-        """Frames as they were before coding, for who compares on the same machine."""
+        """Frames before coding, for comparisons on the same machine."""
         return f"{self.prefix}/original"
 
     @property
@@ -94,9 +94,9 @@ class StreamKeys:
 
 
 def check_key(key: str, *, wild: bool = False) -> str:
-    """The key itself.
+    """The key itself, after a check.
 
-    Raises TransportError when it cannot be one, or holds a wildcard where none is allowed.
+    Raises TransportError if it is not a valid key, or has a wildcard although none is allowed.
     """
     parts = key.split("/")
     if not key or not all(parts) or any(sign in key for sign in "?#$"):
@@ -110,7 +110,7 @@ def check_key(key: str, *, wild: bool = False) -> str:
 
 @lru_cache(maxsize=256)
 def matches(expression: str, key: str) -> bool:
-    """Whether a key expression (`*` one part, `**` any number, none included) covers a key."""
+    """Whether a key expression (`*` one part, `**` any number of parts, or none) covers a key."""
 
     def covers(wanted: tuple[str, ...], parts: tuple[str, ...]) -> bool:
         if not wanted:

@@ -1,7 +1,7 @@
-"""What keeps a program whole at its end: threads of the network library that are still at work are waited for.
+"""Waits for threads of the network library at the end of the program.
 
-They outlive a closed session by a moment, and by a long one on a machine that is busy. One that asks for the
-interpreter while that is going down aborts the whole process ("FATAL: exception not rethrown").
+They live a moment longer than a closed session, or much longer on a busy machine. If one of them calls the interpreter
+while it shuts down, the whole process aborts ("FATAL: exception not rethrown").
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 CLOSING: Final = "close"
-"""How names of threads begin that give something back to the network."""
+"""Name prefixes of our own threads that close something on the network."""
 LEAST_S: Final = 0.1
 MOST_S: Final = 5.0
 LOOK_S: Final = 0.02
@@ -23,7 +23,7 @@ TASKS: Final = Path("/proc/self/task")
 
 
 def let_late_threads_end_at_exit() -> None:
-    """Before anything else that was registered until now; once, however often it is called."""
+    """Register the wait at exit. It runs before everything registered earlier. Further calls do nothing."""
     atexit.unregister(_let_late_threads_end)
     atexit.register(_let_late_threads_end)
 
@@ -46,15 +46,15 @@ def _let_late_threads_end() -> None:
 
 
 def _end_even_if_stuck() -> None:
-    """Have the system end the process in STUCK_S, by SIGALRM. A library that failed while it held a lock, as without
-    memory, can hold up the end of the interpreter for ever, and handlers of Python do not run any more."""
+    """Let the system end the process after STUCK_S, by SIGALRM. If a library failed while it held a lock, for example
+    without memory, the interpreter may never end, and Python's handlers no longer run."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(STUCK_S)
 
 
 def _asleep() -> dict[str, bytes] | None:
-    """How often each thread that Python did not start has gone to sleep so far, by its number; None while one of them
-    runs, or waits for a processor. Empty where the system does not tell."""
+    """How often each thread that Python did not start has slept so far, by its number; None while one of them runs or
+    waits for a processor. Empty if the system does not provide this."""
     own, found = {str(thread.native_id) for thread in threading.enumerate()}, {}
     try:
         others = [task for task in TASKS.iterdir() if task.name not in own]

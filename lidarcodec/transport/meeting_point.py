@@ -1,8 +1,8 @@
 """MeetingPoint: the loopback port where the processes of one machine find each other.
 
-The process that finds the port free keeps it, with a session of its own that carries no data: the others connect there,
-learn by gossip of everybody's own port, and then talk directly. When the keeper goes, even by kill -9, links between
-the others stand, and the first of them that sees the port free keeps it from then on.
+The process that finds the port free opens a separate session on it, which carries no data. The others connect there,
+learn the ports of all processes by gossip, and then connect directly. If this process ends, even by kill -9, the other
+links stay, and the next process that finds the port free opens it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ def is_free(port: int) -> bool:
 
 
 class MeetingPoint:
-    """Keeps the port when nobody else does. `hold` opens the session on it and gives the function that closes it;
-    it raises TransportError when another process was faster."""
+    """Holds the port if no other process does. hold: opens the session on it, and returns the function that closes
+    it; it
+    raises TransportError if another process was faster"""
 
     def __init__(self, port: int, hold: Callable[[], Callable[[], object]]) -> None:
         self._port, self._hold = port, hold
@@ -45,20 +46,20 @@ class MeetingPoint:
 
     @property
     def held(self) -> bool:
-        """Whether this process keeps the port."""
+        """Whether this process holds the port."""
         return self._release is not None
 
     def start(self) -> None:
-        """Try once, now, then go on in a thread."""
+        """Try once now, then continue in a thread."""
         self._try()
         self._thread.start()
 
     def watch(self, connected: Callable[[], int]) -> None:
-        """Say so when the port is taken and yet nobody is there: then another program has it."""
+        """Log a warning if the port is in use but no session is connected: then another program uses it."""
         self._connected = connected
 
     def close(self) -> None:
-        """Stop, and give the port back."""
+        """Stop, and release the port."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(2.0)
@@ -66,18 +67,18 @@ class MeetingPoint:
         if release is not None:
             try:
                 release()
-            except Exception as error:  # whatever the network library raises: the process is on its way out
+            except Exception as error:  # for any error of the network library: the process is ending
                 logger.debug("closing the meeting point: %s", error)
 
     def _try(self) -> None:
-        # Asked first, because the network library logs every refusal.
+        # Checked first, because the network library logs every refusal.
         if self._release is None and is_free(self._port):
             try:
                 self._release = self._hold()
             except TransportError as error:
                 logger.debug("port %d: %s", self._port, error)
             else:
-                logger.info("keeping the meeting point 127.0.0.1:%d", self._port)
+                logger.info("this process holds the meeting point 127.0.0.1:%d", self._port)
 
     def _run(self) -> None:
         alone_since: float | None = None

@@ -31,7 +31,7 @@ from lidarcodec.transport.base import (
 from lidarcodec.transport.keys import check_key, matches
 
 WAITING_EVENTS = 256
-"""Small events that wait for one handler; the oldest give way."""
+"""Most small events that wait for one handler; with more, the oldest are dropped."""
 
 
 class _Worker:
@@ -45,13 +45,13 @@ class _Worker:
         self._thread.start()
 
     def post(self, call: Callable[[], object]) -> None:
-        """Have it called soon."""
+        """Schedule a call."""
         with self._condition:
             self._calls.append(call)
             self._condition.notify()
 
     def close(self) -> None:
-        """Stop; a call that runs is waited for, unless it is the one that closes."""
+        """Stop, and wait for a running call, unless this is that call."""
         with self._condition:
             self._closed = True
             self._condition.notify()
@@ -76,7 +76,7 @@ class _Entity:
         self.worker: _Worker | None = None
 
     def close(self) -> None:
-        """Take it back; harmless when called twice."""
+        """Undeclare it. A second call does nothing."""
         self.owner.network.remove(self)
         if self.worker is not None:
             self.worker.close()
@@ -108,20 +108,20 @@ class _Inbox(_Entity):
         self._closed = False
 
     def drop_in(self, data: bytes) -> None:
-        """Replace what is there."""
+        """Replace the waiting message."""
         with self._condition:
             self._newest = data
             self._condition.notify()
 
     def receive(self) -> bytes | None:
-        """The newest message, as soon as there is one; None once closed."""
+        """Wait for a message and return the newest; None once closed."""
         with self._condition:
             self._condition.wait_for(lambda: self._newest is not None or self._closed)
             data, self._newest = self._newest, None
             return None if self._closed else data
 
     def close(self) -> None:
-        """End a `receive` that waits."""
+        """Close it; a waiting `receive` ends."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -140,7 +140,7 @@ class _Sender(_Entity):
         return bool(self.owner.network.receivers(self))
 
     def put(self, data: bytes, attachment: bytes | None = None) -> None:
-        """Hand over the bytes; nobody here looks for an attachment. Raises TransportError when closed."""
+        """Pass on the bytes; the attachment is ignored. Raises TransportError if closed."""
         network = self.owner.network
         if not network.has(self):
             raise TransportError(f"cannot send on {self.key}: closed")
@@ -156,7 +156,7 @@ _T = TypeVar("_T", bound=_Entity)
 
 
 class MemoryNetwork:
-    """What the transports of one process are connected to."""
+    """The network of the transports in one process."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
@@ -185,7 +185,7 @@ class MemoryNetwork:
         self._changed(entity, alive=False)
 
     def has(self, entity: _Entity) -> bool:
-        """Whether it is still declared."""
+        """Whether an entity is still declared."""
         with self._lock:
             return entity in self._entities
 
@@ -229,7 +229,7 @@ class MemoryTransport:
         self._closed = False
 
     def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
-        """A sender on one key; a priority has no meaning where nothing is narrow."""
+        """A sender on one key. The priority has no effect, because there is no slow link."""
         sender = _Sender(self, self._checked(key))
         if on_match is not None:
             sender.on_match, sender.worker = on_match, _Worker(f"matching {key} {priority.value}")
@@ -243,7 +243,7 @@ class MemoryTransport:
         return inbox
 
     def listen(self, key: str, handler: EventHandler) -> Closeable:
-        """Hand small events to the handler, in a thread of their own."""
+        """Pass small events to the handler, in a thread of its own."""
         listener = _Listener(self, self._checked(key, wild=True))
         listener.handler, listener.worker = handler, _Worker(key)
         self.network.add(listener)
@@ -257,7 +257,7 @@ class MemoryTransport:
         return queryable
 
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
-        """The first answer; None when there is none in time."""
+        """The first answer; None if none comes in time."""
         self._checked(key)
         answers: list[bytes] = []
         done = threading.Condition()
@@ -283,13 +283,13 @@ class MemoryTransport:
             return answers[0] if answers else None
 
     def token(self, key: str) -> Closeable:
-        """Seen by others until it is closed."""
+        """A token that others see until it is closed."""
         token = _Token(self, self._checked(key))
         self.network.add(token)
         return token
 
     def watch(self, key: str, handler: AliveHandler) -> Closeable:
-        """Hand tokens, its own included, to the handler."""
+        """Pass tokens, including its own, to the handler."""
         watcher = _Watcher(self, self._checked(key, wild=True))
         watcher.handler, watcher.worker = handler, _Worker(key)
         self.network.add(watcher)
@@ -300,7 +300,7 @@ class MemoryTransport:
         return None
 
     def close(self) -> None:
-        """Take back everything; harmless when called twice."""
+        """Undeclare everything. A second call does nothing."""
         self._closed = True
         for one in reversed(self.network.all_of(self)):
             one.close()
@@ -312,17 +312,17 @@ class MemoryTransport:
         self.close()
 
     def deliver(self, listener: _Listener, key: str, data: bytes) -> None:
-        """Have a listener called with an event."""
+        """Call a listener with an event."""
         if listener.worker is not None and self._guard.fits(listener.key, len(data)):
             listener.worker.post(lambda: self._guard.call(listener.key, listener.handler, key, data))
 
     def tell(self, watcher: _Watcher, key: str, *, alive: bool) -> None:
-        """Have a watcher called with a token's change."""
+        """Call a watcher with a token's change."""
         if watcher.worker is not None:
             watcher.worker.post(lambda: self._guard.call(watcher.key, watcher.handler, key, alive))
 
     def tell_match(self, sender: _Sender) -> None:
-        """Have a sender's owner told when matching changed."""
+        """Call a sender's match handler if matching changed."""
         handler, worker = sender.on_match, sender.worker
         if handler is None or worker is None:
             return
