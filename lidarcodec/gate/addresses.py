@@ -27,6 +27,17 @@ def address_of(host: str) -> str:
     return f"{IPv6Address(int(address) >> 64 << 64)}/64"
 
 
+def network_of(address: str) -> str:
+    """The network that one party may own whole: the /24 of an IPv4 address, the /48 of an IPv6 one.
+
+    >>> network_of("192.0.2.1"), network_of("2001:db8:1:2::/64")
+    ('192.0.2', '2001:db8:1::/48')
+    """
+    if "/" not in address:
+        return address.rpartition(".")[0]
+    return f"{IPv6Address(int(IPv6Address(address.partition('/')[0])) >> 80 << 80)}/48"
+
+
 @dataclass(slots=True)
 class Address:
     """One address. unfinished: its connections without a session; shaking: those of them that are with Zenoh;
@@ -59,6 +70,8 @@ class Addresses:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._found: OrderedDict[str, Address] = OrderedDict()
+        self._networks: OrderedDict[str, int] = OrderedDict()
+        self._turn = 0
 
     def seen(self, name: str, now_s: float) -> Address:
         """The address, new or known."""
@@ -73,6 +86,20 @@ class Addresses:
                 self._forget_one(now_s)
         self._found.move_to_end(name)
         return found
+
+    def turns(self, address: Address) -> tuple[int, int]:
+        """For sorting: when the network of an address had its last turn, and when the address had. 0: never."""
+        return self._networks.get(network_of(address.name), 0), address.turn
+
+    def has_turn(self, address: Address) -> None:
+        """It is the turn of this address now."""
+        self._turn += 1
+        address.turn = self._turn
+        network = network_of(address.name)
+        self._networks[network] = self._turn
+        self._networks.move_to_end(network)
+        if len(self._networks) > MOST:
+            self._networks.popitem(last=False)
 
     def failed(self, address: Address, now_s: float) -> bool:
         """A handshake failed; whether the address is barred for it."""

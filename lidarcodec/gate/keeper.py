@@ -22,6 +22,7 @@ REFUSED: Final = (
     "too_many_open",
     "no_hello",
     "not_tls",
+    "no_turn",
     "late",
     "no_session",
     "unreachable",
@@ -46,7 +47,7 @@ class Keeper:
         self._open: dict[int, Passage] = {}
         self._look = False
         """Whether a connection that waits may perhaps go on."""
-        self._turn, self._looked_s = 0, now_s
+        self._looked_s = now_s
         self.refused: Counter[str] = Counter(dict.fromkeys(REFUSED, 0))
         self._totals: Counter[str] = Counter()
         self.last_barred: str | None = None
@@ -141,16 +142,16 @@ class Keeper:
 
     def _admit(self, now_s: float) -> None:
         """Let connections go on to Zenoh: those of known addresses, and of all others, each while so few handshakes are
-        under way or failed that Zenoh gets over it. The address that had a turn longest ago goes first."""
-        for one in sorted(self._waiting.values(), key=lambda one: one.address.turn):
+        under way or failed that Zenoh gets over it. The network that had a turn longest ago goes first, in it the
+        address, and of those the newest: oldest first, all would wait until they are given up where too many come."""
+        for one in sorted(self._waiting.values(), key=lambda one: (self._addresses.turns(one.address), -one.hello_s)):
             address = one.address
             known = address.known(now_s)
             if address.at_zenoh >= self._limits.at_once or not self._has_room(address):
                 continue
             if not self._failing[known].take(now_s):
                 continue
-            self._turn += 1
-            address.turn = self._turn
+            self._addresses.has_turn(address)
             address.at_zenoh += 1
             address.shaking += 1
             del self._waiting[id(one)]
@@ -219,7 +220,9 @@ class Keeper:
                 self._end(one, "left")
             elif one.stage is Stage.HELLO and now_s - one.begun_s > limits.hello_s:
                 self._end(one, "no_hello")
-            elif (one.counts_as_failing or one.stage is Stage.WAITING) and now_s - one.hello_s > limits.handshake_s:
+            elif one.stage is Stage.WAITING and now_s - one.hello_s > limits.wait_s:
+                self._end(one, "no_turn")
+            elif one.counts_as_failing and now_s - one.hello_s > limits.handshake_s:
                 self._end(one, "late")
             elif one.stage is Stage.SHAKING and now_s - one.hello_s > limits.session_s:
                 self._end(one, "no_session")

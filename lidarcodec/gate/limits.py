@@ -12,7 +12,8 @@ class Limits:
     """What one address, and all together, may hold and try. An address is an IPv4 address or the /64 of an IPv6 one.
 
     hello_s:        time for a whole ClientHello
-    handshake_s:    time for the handshake; before that, the same time to wait for a turn
+    wait_s:         time to wait for a turn; a client that was refused tries again at once, and the newest goes first
+    handshake_s:    time for the handshake
     session_s:      time until Zenoh has opened a session; its own limit is 10 s
     close_s:        time to send the rest when one end has closed
     stuck_s:        time without a byte that one end takes while it is owed some; Zenoh gives a link up after 10 s
@@ -32,6 +33,7 @@ class Limits:
     """
 
     hello_s: float = 5.0
+    wait_s: float = 1.0
     handshake_s: float = 8.0
     session_s: float = 15.0
     close_s: float = 5.0

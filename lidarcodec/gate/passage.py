@@ -15,6 +15,8 @@ from lidarcodec.gate.records import NotTlsError, Progress, whole_hello
 
 CHUNK: Final = 65536
 """Bytes that one direction holds at most; no more is read until they are sent."""
+CHUNKS: Final = 8
+"""Chunks that one direction moves before others have their turn."""
 KEPT_BYTES: Final = 65536
 """Buffer of the socket towards Zenoh, so that frames wait with the sender, where a newer one replaces them."""
 _AT_ONCE: Final = struct.pack("ii", 1, 0)
@@ -160,7 +162,9 @@ class Passage:
         """Move what can be moved, both ways; then wait for what cannot."""
         try:
             for way in self._ways:
-                self._move(way)
+                for _ in range(CHUNKS):
+                    if not self._move(way):
+                        break
         except NotTlsError:
             return self._changed(self, "not_tls")
         except OSError:
@@ -173,12 +177,13 @@ class Passage:
             self._wait()
         return None
 
-    def _move(self, way: Way) -> None:
+    def _move(self, way: Way) -> bool:
+        """Read what there is and send it; whether there may be more to move."""
         if not way.held and not way.ended:
             try:
                 data = way.reader.recv(CHUNK)
             except BlockingIOError:
-                return
+                return False
             way.ended = not data
             way.held = memoryview(data)
             self._watch(way, way.held)
@@ -194,6 +199,7 @@ class Passage:
             way.shut = True
             with contextlib.suppress(OSError):
                 way.writer.shutdown(socket.SHUT_WR)
+        return not way.held and not way.ended
 
     def _watch(self, way: Way, data: memoryview) -> None:
         if self.progress is None:

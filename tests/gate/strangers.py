@@ -1,8 +1,8 @@
 """Strangers at a TLS port, as a process: python -m tests.gate.strangers KIND PORT COUNT SOURCE
 
 KIND: `idle` holds COUNT connections and opens those that are ended again; `garbage`, `abort` (a ClientHello, then gone)
-and `nobody` (TLS without a certificate) try COUNT times a second; SOURCE is their own address, such as 127.0.0.2; `*`
-takes another one each time.
+and `nobody` (TLS without a certificate) try COUNT times a second; SOURCE is their own address, such as 127.0.0.2.
+`127.1.0.*` takes another one of that network each time, `*` one of another network.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ NOBODY.check_hostname, NOBODY.verify_mode = False, ssl.CERT_NONE
 
 def connected(port: int, source: str, number: int) -> socket.socket:
     """A connection from that address."""
-    own = f"127.1.{number // 250 % 250}.{number % 250 + 1}" if source == "*" else source
+    own = source.replace("*", str(number % 250 + 1))
+    if source == "*":
+        own = f"127.{number % 250 + 1}.{number // 250 % 250}.1"
     return socket.create_connection(("127.0.0.1", port), 5, source_address=(own, 0))
 
 

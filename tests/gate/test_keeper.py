@@ -228,8 +228,25 @@ def test_handshakes_that_may_fail_come_to_zenoh_few_at_a_time_and_known_addresse
     gate.is_(waiting=6)
     gate.session("127.0.0.9")
     gate.is_(waiting=6)
-    gate.now_s = 2.3
+    gate.now_s = 1.0
+    gate.is_(waiting=5)
+    gate.now_s = 1.3
+    assert gate.refused("no_turn", 5)
+
+
+def test_of_those_who_wait_the_network_that_had_least_goes_first(port: Callable[..., Port]) -> None:
+    gate = port(failing_burst=2, failing_rate=1, wait_s=5)
+    for number in range(10, 16):
+        gate.stranger(f"127.0.1.{number}", HELLO)
     gate.is_(waiting=4)
+    gate.stranger("127.0.2.1", HELLO)
+    gate.is_(waiting=5)
+    gate.now_s = 0.5
+    gate.stranger("127.0.1.99", HELLO)
+    gate.is_(waiting=6)
+    gate.now_s = 1.3
+    gate.is_(waiting=5)
+    assert [one.address.name for one in gate.keeper._shaking.values()][2:] == ["127.0.2.1"]
 
 
 def test_connections_that_are_with_zenoh_stay_below_its_limit(port: Callable[..., Port]) -> None:
