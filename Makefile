@@ -98,8 +98,9 @@ format: $(STAMPS)/dev ## put every file into the house's form
 
 native: $(NATIVE) ## build the native core into lidarcodec/
 
-tables: $(STAMPS)/dev $(NATIVE) ## write the tables of the documents that repeat tables of the code, and docs/openapi.json
+tables: $(STAMPS)/dev $(NATIVE) ## write what repeats tables of the code: in the documents, docs/openapi.json, and sensors in the native core
 	@PYTHONPATH=. $(BIN)/python tools/tables.py
+	@PYTHONPATH=. $(BIN)/python tools/sensor_tables.py
 	@$(BIN)/python -m lidarcodec_server.openapi docs/openapi.json
 
 evidence: $(STAMPS)/dev $(NATIVE) ## write docs/evaluation.md and the table of README.md from benchmarks/results

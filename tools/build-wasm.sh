@@ -15,10 +15,12 @@ if ! printf '#include <vector>\nstd::vector<int> v;\n' | "$cxx" --target=wasm32-
   exit 1
 fi
 
-core="base/crc32c base/processor base/sha256 bits/numbers mask/align mask/coder mask/places mask/stream motion/fixed_angle
+core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers frames/described_sensor frames/image_frame
+      frames/plane_section frames/rest frames/ring_geometry images/coder mask/align mask/coder mask/places mask/stream motion/fixed_angle
       motion/range_history motion/warp motion/warp_surface network/net network/update network/weight_file pco/groups pco/pco
       planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
-      predictive/write ranges/activity session/history session/lattice session/message session/outside session/planes
+      predictive/write ranges/activity sensors/block_model sensors/json sensors/model sensors/model_tables sensors/ouster
+      sensors/ouster_metadata sensors/velodyne session/history session/lattice session/message session/outside session/planes
       session/ranges session/sensor session/session session/shelf"
 sources=$(ls native/wasm/*.cpp; for name in $core; do echo "native/src/$name.cpp"; done)
 rm -rf "$objects"
@@ -30,7 +32,7 @@ for source in $sources; do
   echo "$source"
 done | xargs -P "${JOBS:-2}" -I{} sh -c '
   name=$(basename $(dirname {}))-$(basename {} .cpp)
-  case $name in wasm-api | session-* | base-* | network-update | network-weight_file | predictive-coder | planes-azimuth_coder | planes-keep_coder | mask-places) level=-Os ;; *) level=-O2 ;; esac
+  case $name in frames-plane_section) level=-O2 ;; wasm-api | session-* | base-* | frames-* | sensors-* | network-update | network-weight_file | predictive-coder | planes-azimuth_coder | planes-keep_coder | mask-places) level=-Os ;; *) level=-O2 ;; esac
   exec ${CXX_WASM_LAUNCHER:-} '"$cxx"' --target=wasm32-wasi -std=c++20 $level -msimd128 -mbulk-memory -D__SSE2__ -ffp-contract=off \
     -fexceptions -fvisibility=hidden -ffunction-sections -fdata-sections -Wall -Wextra -MMD -MF "'"$objects"'/$name.d" \
     -Inative/wasm/sse2 -Inative/src -Inative/wasm -c {} -o "'"$objects"'/$name.o"'

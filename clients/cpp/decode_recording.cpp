@@ -1,6 +1,6 @@
-// Decodes a recording: a line for each frame, and its points as KITTI has them (x, y, z, intensity; f32) if a folder is
-// given.
-//   decode_recording FILE.mcap [OUT] [--weights FOLDER]
+// Decodes a recording of any sensor: a line for each frame, and its points as KITTI has them (x, y, z, intensity; f32)
+// if a folder is given; with --all second returns, too.
+//   decode_recording FILE.mcap [OUT] [--all] [--weights FOLDER]
 #include <filesystem>
 #include <iostream>
 #include <map>
@@ -19,7 +19,7 @@ void write_points(const std::filesystem::path& path, const std::vector<lidarcode
   if (!file) throw std::runtime_error("cannot write " + path.string());
 }
 
-int run(const std::string& recording, const std::string& out, const std::string& weights) {
+int run(const std::string& recording, const std::string& out, lidarcodec_returns returns, const std::string& weights) {
   std::map<std::string, Session> sessions;  // a stream has a session of its own
   int frames = 0, refused = 0;
   Recording(recording).read([&](const std::string& topic, const uint8_t* message, size_t size) {
@@ -31,10 +31,10 @@ int run(const std::string& recording, const std::string& out, const std::string&
       ++refused;
       return;
     }
-    std::cout << topic << " frame " << frame.index << " at " << frame.stamp_ns << " ns: " << frame.points
-              << " points\n";
-    if (!out.empty())
-      write_points(std::filesystem::path(out) / (std::to_string(frames) + ".bin"), points_of(session, frame));
+    const std::vector<lidarcodec_point> points = points_of(session, returns);
+    std::cout << topic << " frame " << frame.index << " of a " << frame.model << " at " << frame.stamp_ns
+              << " ns: " << points.size() << " points\n";
+    if (!out.empty()) write_points(std::filesystem::path(out) / (std::to_string(frames) + ".bin"), points);
     ++frames;
   });
   std::cout << frames << " frames, " << refused << " messages refused\n";
@@ -45,19 +45,22 @@ int run(const std::string& recording, const std::string& out, const std::string&
 
 int main(int count, char** words) {
   std::string recording, out, weights;
+  lidarcodec_returns returns = LIDARCODEC_FIRST;
   for (int i = 1; i < count; ++i) {
     const std::string word = words[i];
     if (word == "--weights" && i + 1 < count)
       weights = words[++i];
+    else if (word == "--all")
+      returns = LIDARCODEC_ALL;
     else
       (recording.empty() ? recording : out) = word;
   }
   if (recording.empty()) {
-    std::cerr << "usage: decode_recording FILE.mcap [OUT] [--weights FOLDER]\n";
+    std::cerr << "usage: decode_recording FILE.mcap [OUT] [--all] [--weights FOLDER]\n";
     return 2;
   }
   try {
-    return run(recording, out, weights);
+    return run(recording, out, returns, weights);
   } catch (const std::exception& error) {
     std::cerr << error.what() << "\n";
     return 1;

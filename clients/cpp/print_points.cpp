@@ -1,5 +1,5 @@
-// Prints the points of a live stream's messages, which come on the standard input: for each its size, u32 little
-// endian, and then its bytes. README.md says how a subscription gives them.
+// Prints the points of a live stream's messages, of any sensor, which come on the standard input: for each its size,
+// u32 little endian, and then its bytes. README.md says how a subscription gives them.
 //   print_points [--weights FOLDER]
 #include <iostream>
 
@@ -19,6 +19,16 @@ bool read_message(std::vector<uint8_t>& message) {
   return static_cast<bool>(std::cin.read(reinterpret_cast<char*>(message.data()), bytes));
 }
 
+// A point, and what the frame's other planes say of it.
+void print(const lidarcodec_frame& frame, const lidarcodec_point& point) {
+  std::cout << point.x << " " << point.y << " " << point.z;
+  for (uint32_t i = 0; i < frame.plane_count; ++i) {
+    const std::string name = frame.planes[i].name;
+    if (frame.planes[i].role == LIDARCODEC_ATTRIBUTE && name.back() != '2')
+      std::cout << ", " << name << " " << attribute_of(frame, point, name);
+  }
+}
+
 int run(const std::string& weights) {
   const Session session = open_session(weights);
   std::vector<uint8_t> message;
@@ -31,9 +41,12 @@ int run(const std::string& weights) {
       std::cerr << "byte " << lidarcodec_error_offset(session.get()) << ": " << lidarcodec_error_text(session.get())
                 << "\n";
     } else {
-      const std::vector<lidarcodec_point> points = points_of(session, frame);
+      const std::vector<lidarcodec_point> points = points_of(session, LIDARCODEC_ALL);
       std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";
-      if (!points.empty()) std::cout << ", the first at " << points[0].x << " " << points[0].y << " " << points[0].z;
+      if (!points.empty()) {
+        std::cout << ", the first at ";
+        print(frame, points[0]);
+      }
       std::cout << std::endl;
     }
   }

@@ -32,8 +32,26 @@ inline Session open_session(const std::string& weights) {
 }
 
 // The points of the frame that was pushed last.
-inline std::vector<lidarcodec_point> points_of(const Session& session, const lidarcodec_frame& frame) {
-  std::vector<lidarcodec_point> points(frame.points);
-  points.resize(lidarcodec_points(session.get(), points.data(), points.size()));
+inline std::vector<lidarcodec_point> points_of(const Session& session, lidarcodec_returns returns) {
+  std::vector<lidarcodec_point> points(lidarcodec_points(session.get(), returns, nullptr, 0));
+  points.resize(lidarcodec_points(session.get(), returns, points.data(), points.size()));
   return points;
+}
+
+// The number of an image at a place.
+inline uint32_t value_at(const lidarcodec_plane& plane, size_t cell) {
+  if (plane.bytes == 1) return static_cast<const uint8_t*>(plane.values)[cell];
+  if (plane.bytes == 2) return static_cast<const uint16_t*>(plane.values)[cell];
+  return static_cast<const uint32_t*>(plane.values)[cell];
+}
+
+// What a frame says of a point by an attribute's name: of a second return that of `NAME2`, if there is such a plane.
+inline uint32_t attribute_of(const lidarcodec_frame& frame, const lidarcodec_point& point, const std::string& name) {
+  uint32_t value = 0;
+  for (uint32_t i = 0; i < frame.plane_count; ++i) {
+    const lidarcodec_plane& plane = frame.planes[i];
+    if (plane.name == name) value = value_at(plane, point.cell);
+    if (point.return_number == 2 && plane.name == name + "2") return value_at(plane, point.cell);
+  }
+  return value;
 }

@@ -71,12 +71,72 @@ lidarcodec_status status_of(ErrorCode code) {
   }
 }
 
+// A frame as the interface shows it.
+struct Shown {
+  std::vector<lidarcodec_plane> planes;
+  std::vector<std::uint16_t> azimuth;
+  std::vector<std::uint8_t> fired;
+};
+
+constexpr lidarcodec_plane plane(const char* name, const void* values, std::size_t bytes, std::uint32_t bits,
+                                 lidarcodec::PlaneRole role, std::size_t of) {
+  return {name,
+          values,
+          static_cast<std::uint8_t>(bytes),
+          static_cast<std::uint8_t>(bits),
+          static_cast<std::uint8_t>(role),
+          static_cast<std::uint8_t>(of)};
+}
+
+template <class Number>
+std::uint32_t returns_in(const std::vector<Number>& ranges) {
+  return static_cast<std::uint32_t>(
+      std::count_if(ranges.begin(), ranges.end(), [](Number range) { return range != 0; }));
+}
+
+// Fields of a frame of an HDL-64E.
+void show(const lidarcodec::Planes& planes, const lidarcodec::Sensor& sensor, Shown& shown, lidarcodec_frame& frame) {
+  using lidarcodec::PlaneRole;
+  shown.planes = {plane("range", planes.range.data(), 2, 16, PlaneRole::Range, 0),
+                  plane("intensity", planes.intensity.data(), 1, 8, PlaneRole::Attribute, 0)};
+  frame.rows = lidarcodec::kRows;
+  frame.width = static_cast<std::uint32_t>(planes.width);
+  frame.points = returns_in(planes.range);
+  frame.range_step_m = sensor.range_step * 1e-7;
+  frame.azimuth = planes.azimuth.data();
+  frame.fired = planes.fired.data();
+  frame.laser = sensor.laser.data();
+  frame.sensor = sensor.name.c_str();
+  frame.model = "hdl64e";
+}
+
+// The same of another sensor.
+void show(const lidarcodec::ImageFrame& images, Shown& shown, lidarcodec_frame& frame) {
+  const lidarcodec::DescribedSensor& sensor = *images.sensor;
+  shown.planes.clear();
+  for (const lidarcodec::NamedPlane& one : images.planes)
+    shown.planes.push_back(plane(one.name.c_str(), one.values.data(), 4, one.bits, one.role, one.of));
+  shown.azimuth = images.azimuth;
+  shown.azimuth.insert(shown.azimuth.end(), images.azimuth.begin(), images.azimuth.end());
+  shown.fired.assign(shown.azimuth.size(), 1);
+  frame.rows = static_cast<std::uint32_t>(sensor.rows());
+  frame.width = static_cast<std::uint32_t>(images.width);
+  frame.points = images.planes.empty() ? 0 : returns_in(images.planes[0].values);
+  frame.range_step_m = sensor.range_step * 1e-7;
+  frame.azimuth = shown.azimuth.data();
+  frame.fired = shown.fired.data();
+  frame.laser = sensor.laser.data();
+  frame.sensor = sensor.name.c_str();
+  frame.model = sensor.model.c_str();
+}
+
 }  // namespace
 
 struct lidarcodec_session {
   System* outside = new System;
   lidarcodec::Session session{std::unique_ptr<const lidarcodec::Outside>(outside)};
   const lidarcodec::SessionFrame* frame = nullptr;
+  Shown shown;
   std::string text;
   std::uint64_t offset = 0, needs = 0;
 
@@ -127,36 +187,34 @@ lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* me
   session->frame = nullptr;
   return session->guarded([&] {
     const lidarcodec::SessionFrame& found = session->session.push({message, size});
-    const lidarcodec::Planes& planes = found.planes;
-    session->frame = &found;
     lidarcodec_frame given{};
+    if (found.images)
+      show(*found.images, session->shown, given);
+    else
+      show(found.planes, *found.sensor, session->shown, given);
+    session->frame = &found;
     given.stream_id = found.stream_id;
     given.index = found.index;
     given.stamp_ns = found.stamp_ns;
     given.codec = static_cast<std::uint16_t>(found.codec);
     given.key = found.key;
     given.has_intensity = found.has_intensity;
-    given.width = static_cast<std::uint32_t>(planes.width);
-    given.points = static_cast<std::uint32_t>(
-        std::count_if(planes.range.begin(), planes.range.end(), [](std::uint16_t range) { return range != 0; }));
-    given.range_step_m = found.sensor->range_step * 1e-7;
-    given.range = planes.range.data();
-    given.intensity = planes.intensity.data();
-    given.azimuth = planes.azimuth.data();
-    given.fired = planes.fired.data();
-    given.laser = found.sensor->laser.data();
+    given.plane_count = static_cast<std::uint32_t>(session->shown.planes.size());
+    given.planes = session->shown.planes.data();
     given.pose = found.pose ? found.pose->data() : nullptr;
-    given.sensor = found.sensor->name.c_str();
     if (frame != nullptr) *frame = given;
   });
 }
 
-size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_point* points, size_t capacity) {
+size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns returns, lidarcodec_point* points,
+                         size_t capacity) {
   if (session->frame == nullptr) return 0;
   try {
-    const std::vector<lidarcodec::CloudPoint> found = lidarcodec::points_of(*session->frame);
-    for (std::size_t i = 0; i < std::min(capacity, found.size()); ++i)
-      points[i] = {found[i].x, found[i].y, found[i].z, found[i].intensity, found[i].laser, found[i].ring, 0};
+    const std::vector<lidarcodec::CloudPoint> found = lidarcodec::points_of(*session->frame, returns == LIDARCODEC_ALL);
+    for (std::size_t i = 0; i < std::min(capacity, found.size()); ++i) {
+      const lidarcodec::CloudPoint& one = found[i];
+      points[i] = {one.x, one.y, one.z, one.intensity, one.cell, one.laser, one.ring, one.return_number, 0, one.t_ns};
+    }
     return found.size();
   } catch (...) {
     return 0;

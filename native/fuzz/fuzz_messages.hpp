@@ -2,6 +2,8 @@
 // u32. How they are changed inside of their sections, and how what a message says of itself is made right again
 // (docs/wire-format.md).
 #pragma once
+#include <zstd.h>
+
 #include <algorithm>
 #include <random>
 #include <string>
@@ -116,6 +118,28 @@ class MessageRepair {
     return lidarcodec::little_endian(header, 12, 2) == static_cast<std::uint64_t>(lidarcodec::Codec::Riddle);
   }
 
+  // The hash of a sensor that describes itself in a zstd frame.
+  static void repair_described(Bytes8& data) {
+    constexpr std::size_t kFrameAt = 13, kHead = 12, kMost = std::size_t{1} << 20;
+    if (data.size() < kFrameAt) return;
+    const std::size_t size = lidarcodec::little_endian(data, 9, 4);
+    if (size < kHead || size > kMost) return;
+    Bytes8 plain(size);
+    if (ZSTD_decompress(plain.data(), size, data.data() + kFrameAt, data.size() - kFrameAt) != size) return;
+    const std::size_t name = plain[5], model = plain[6], rows = plain[7],
+                      description = lidarcodec::little_endian(plain, 8, 4), table = 11 * 4 * rows;
+    if (kHead + name + model + description + table != size) return;
+    const auto at = [&](std::size_t place) { return plain.begin() + static_cast<std::ptrdiff_t>(kHead + place); };
+    Bytes8 hashed(at(0), at(name));
+    hashed.push_back(0);
+    hashed.insert(hashed.end(), at(name + model + description), plain.end());
+    hashed.push_back(0);
+    hashed.insert(hashed.end(), at(name), at(name + model));
+    hashed.push_back(0);
+    hashed.insert(hashed.end(), at(name + model), at(name + model + description));
+    std::copy_n(lidarcodec::sha256(hashed).begin(), kNameBytes, data.begin() + 1);
+  }
+
   void repair_names(LooseMessage::Part& part, std::uint8_t way) {
     Bytes8& data = part.data;
     if (part.type == static_cast<std::uint8_t>(lidarcodec::SectionType::Calibration) && data.size() >= 1 + kNameBytes) {
@@ -130,6 +154,7 @@ class MessageRepair {
         const auto hash = lidarcodec::sha256(hashed);
         std::copy_n(hash.begin(), kNameBytes, data.begin() + 1);
       }
+      if (data[0] == 3) repair_described(data);
       if (data[0] == 0 && !calibration_.empty() && way % 8 != 7)
         std::copy_n(calibration_.begin() + 1, kNameBytes, data.begin() + 1);
       if (data[0] != 0) calibration_ = data;
@@ -193,7 +218,7 @@ inline std::size_t mutated_messages(std::uint8_t* data, std::size_t size, std::s
     else if (kind == 7)
       parts.erase(parts.begin() + static_cast<std::ptrdiff_t>(part));
     else if (kind == 8)
-      parts[part].type = static_cast<std::uint8_t>(random() % 15);
+      parts[part].type = static_cast<std::uint8_t>(random() % 16);
     else
       mutate_bytes(parts[part].data, 64);
     messages[at] = message.joined();

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../c/lidarcodec.cpp"
+#include "frames/ring_geometry.hpp"
 #include "fuzz_messages.hpp"
 
 namespace {
@@ -22,6 +23,22 @@ void check_planes(const lidarcodec::Planes& planes) {
     if (fired > 1) broken();
 }
 
+void check_images(const lidarcodec::ImageFrame& images) {
+  const std::size_t cells = images.sensor->rows() * images.width;
+  if (images.width > lidarcodec::kMostColumns || images.azimuth.size() != images.width) broken();
+  for (const lidarcodec::NamedPlane& plane : images.planes) {
+    if (plane.values.size() != cells || plane.of >= images.planes.size()) broken();
+    for (const std::uint32_t value : plane.values)
+      if (value >> plane.bits != 0) broken();
+  }
+  for (const std::uint16_t azimuth : images.azimuth)
+    if (azimuth >= 36'000) broken();
+  for (const lidarcodec::RingGeometry& ring : lidarcodec::ring_geometry(images))
+    if (!std::isfinite(ring.rotation + ring.elevation + ring.aside)) broken();
+  if (lidarcodec::shown_ranges(images).size() != (images.planes.empty() ? 0 : cells)) broken();
+  lidarcodec::shown_intensities(images);
+}
+
 void decode_by_class(const std::vector<Bytes8>& messages) {
   lidarcodec::Session session(std::make_unique<System>());
   MessageRepair repair;
@@ -32,8 +49,11 @@ void decode_by_class(const std::vector<Bytes8>& messages) {
       if (repair.joins_late() && !repair.calibration().empty()) session.give_calibration(repair.calibration());
       const lidarcodec::SessionFrame& frame = session.push(message);
       repair.decoded(frame.index);
-      check_planes(frame.planes);
-      for (const lidarcodec::CloudPoint& point : lidarcodec::points_of(frame))
+      if (frame.images)
+        check_images(*frame.images);
+      else
+        check_planes(frame.planes);
+      for (const lidarcodec::CloudPoint& point : lidarcodec::points_of(frame, true))
         if (!std::isfinite(point.x) || !std::isfinite(point.y) || !std::isfinite(point.z)) broken();
     } catch (const lidarcodec::Error&) {
     }
@@ -42,22 +62,29 @@ void decode_by_class(const std::vector<Bytes8>& messages) {
 
 // Everything that a frame points to is read; its points are written into room for too few.
 void check_frame(const lidarcodec_session* session, const lidarcodec_frame& frame) {
-  std::uint64_t sum = std::char_traits<char>::length(frame.sensor);
-  for (std::size_t i = 0; i < std::size_t{LIDARCODEC_ROWS} * frame.width; ++i)
-    sum += frame.range[i] + frame.intensity[i];
+  std::uint64_t sum = std::char_traits<char>::length(frame.sensor) + std::char_traits<char>::length(frame.model);
+  const bool is_hdl64e = std::string(frame.model) == "hdl64e";
+  for (std::size_t number = 0; number < frame.plane_count; ++number) {
+    const lidarcodec_plane& plane = frame.planes[number];
+    sum += std::char_traits<char>::length(plane.name);
+    const auto* const bytes = static_cast<const std::uint8_t*>(plane.values);
+    for (std::size_t i = 0; i < std::size_t{frame.rows} * frame.width * plane.bytes; ++i) sum += bytes[i];
+  }
   for (std::size_t i = 0; i < std::size_t{2} * frame.width; ++i) sum += frame.azimuth[i] + frame.fired[i];
-  for (std::size_t row = 0; row < LIDARCODEC_ROWS; ++row)
-    if (frame.laser[row] >= 64) broken();
+  for (std::size_t row = 0; row < frame.rows; ++row)
+    if (frame.laser[row] >= frame.rows) broken();
   for (std::size_t i = 0; frame.pose != nullptr && i < 12; ++i) sum += std::isfinite(frame.pose[i]);
   [[maybe_unused]] volatile std::uint64_t kept = sum;
   std::vector<lidarcodec_point> points(frame.points / 2);
-  if (lidarcodec_points(session, points.data(), points.size()) != frame.points) broken();
+  const std::size_t there = lidarcodec_points(session, LIDARCODEC_FIRST, points.data(), points.size());
+  if (is_hdl64e ? there != frame.points : there != 0 && there != frame.points) broken();
+  if (lidarcodec_points(session, LIDARCODEC_ALL, points.data(), points.size()) < there) broken();
 }
 
 // Calls between messages that are of no use, in any order.
 void call_anything(lidarcodec_session* session, unsigned which, const Bytes8& some) {
   lidarcodec_frame frame{};
-  if (which & 1u) lidarcodec_points(session, nullptr, 0);
+  if (which & 1u) lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0);
   if (which & 2u && lidarcodec_push(session, nullptr, 0, &frame) != LIDARCODEC_TRUNCATED) broken();
   if (which & 4u && lidarcodec_give_weights(session, nullptr, 0) == LIDARCODEC_OK) broken();
   if (which & 8u) lidarcodec_give_weights(session, some.data(), some.size());
@@ -72,7 +99,7 @@ void call_anything(lidarcodec_session* session, unsigned which, const Bytes8& so
 void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
   lidarcodec_close(nullptr);
   lidarcodec_session* const session = lidarcodec_open();
-  if (session == nullptr || lidarcodec_points(session, nullptr, 0) != 0) broken();
+  if (session == nullptr || lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0) broken();
   MessageRepair repair;
   for (const Bytes8& given : messages) {
     const Bytes8 message = repair.repaired(given);
@@ -83,7 +110,7 @@ void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
         lidarcodec_push(session, message.data(), message.size(), unwanted ? nullptr : &frame);
     if (status >= LIDARCODEC_OUT_OF_MEMORY) broken();
     if (status != LIDARCODEC_OK) {
-      if (frame.range != nullptr || lidarcodec_points(session, nullptr, 0) != 0 ||
+      if (frame.planes != nullptr || lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0 ||
           *lidarcodec_error_text(session) == '\0')
         broken();
     } else if (!unwanted) {

@@ -1,4 +1,4 @@
-/* Decoder of lidarcodec streams for C and C++: bytes of messages in, images and points of frames out.
+/* Decoder of lidarcodec streams for C and C++: bytes of messages in, images and points of frames out, of every sensor.
  *
  * A session decodes one stream, message after message, as a recording or a subscription has them. Codecs: raw, zstd,
  * pcodec, predictive, riddle; others are refused by name. Nothing here throws, prints or ends the process. A session is
@@ -19,8 +19,6 @@
 extern "C" {
 #endif
 
-enum { LIDARCODEC_ROWS = 64 };
-
 /* What became of a call. After each of them the next message can be pushed. */
 typedef enum lidarcodec_status {
   LIDARCODEC_OK = 0,
@@ -36,32 +34,63 @@ typedef enum lidarcodec_status {
 
 typedef struct lidarcodec_session lidarcodec_session;
 
-/* A frame of 64 rows, row 0 the highest beam, and `width` columns. Images are stored row after row. All pointers hold
- * until the next call with the session. */
+typedef enum lidarcodec_role {
+  LIDARCODEC_RANGE = 0,        /* of first returns */
+  LIDARCODEC_SECOND_RANGE = 1, /* of second returns */
+  LIDARCODEC_ATTRIBUTE = 2
+} lidarcodec_role;
+
+/* An image, rows x width numbers, row after row. `range` and `range2` are in steps of the sensor, 0 = no return; others
+ * are as the sensor sends them. docs/sensors.md says which sensor has which. */
+typedef struct lidarcodec_plane {
+  const char* name;   /* "range", "intensity", "range2", "signal", "near_ir", ... */
+  const void* values; /* uint8_t, uint16_t or uint32_t: `bytes` of each number */
+  uint8_t bytes;      /* 1, 2 or 4 */
+  uint8_t bits;       /* that its numbers can have */
+  uint8_t role;       /* lidarcodec_role */
+  uint8_t of;         /* of an attribute: place in `planes` of the range plane that it describes */
+} lidarcodec_plane;
+
+/* A frame of `rows` rows, row 0 the highest beam, and `width` columns. Images are stored row after row. All pointers
+ * hold until the next call with the session. */
 typedef struct lidarcodec_frame {
   uint64_t stream_id;
   uint64_t index;        /* counts frames of a stream from 0 */
   int64_t stamp_ns;      /* host time of the first packet, ns since 1970-01-01 UTC */
   uint16_t codec;        /* number of the codec, docs/wire-format.md */
   uint8_t key;           /* 1: decoded without any message before it */
-  uint8_t has_intensity; /* 0: the stream sends none, all are 0 */
+  uint8_t has_intensity; /* 0: the stream sends none */
+  uint32_t rows;         /* 1 to 128 */
   uint32_t width;
-  uint32_t points;          /* returns in the frame */
-  double range_step_m;      /* metres of one step of `range` */
-  const uint16_t* range;    /* 64 x width, steps, 0 = no return */
-  const uint8_t* intensity; /* 64 x width, as the sensor sends it */
-  const uint16_t* azimuth;  /* 2 x width: of the upper and lower half of each column, 0.01 degree, 0 to 35999 */
-  const uint8_t* fired;     /* 2 x width: 1 where the half of a column was sent */
-  const uint8_t* laser;     /* 64: hardware id of the laser of each row; ids from 32 on are in the lower half */
-  const double* pose;       /* 3 x 4, the first rows of T_world_sensor, row after row; NULL where it is not known */
-  const char* sensor;       /* name of the sensor's model, UTF-8 */
+  uint32_t points;                /* first returns in the frame */
+  uint32_t plane_count;           /* 0 if no packet of the frame has an image */
+  double range_step_m;            /* metres of one step of `range` */
+  const lidarcodec_plane* planes; /* the first is `range` */
+  const uint16_t* azimuth; /* 2 x width, 0.01 degree, 0 to 35999: of the upper and lower half of each column of an
+                              HDL-64E; of other sensors both are that of the column */
+  const uint8_t* fired;    /* 2 x width: 1 where the half of a column was sent */
+  const uint8_t* laser;    /* rows: hardware id of the laser of each row */
+  const double* pose;      /* 3 x 4, the first rows of T_world_sensor, row after row; NULL where it is not known */
+  const char* sensor;      /* name of the sensor, UTF-8 */
+  const char* model;       /* "hdl64e", "vlp16", "os1-128", ...: docs/sensors.md */
 } lidarcodec_frame;
 
-/* Metres; x forward, y left, z up, of the sensor. ring: the row, 0 at the top. */
+/* A return. Metres; x forward, y left, z up, of the sensor. The value of any plane for it is at the place `cell`; of a
+ * second return in the plane with a 2 at the end of its name, if there is one. */
 typedef struct lidarcodec_point {
   float x, y, z;
-  uint8_t intensity, laser, ring, reserved;
+  uint32_t intensity;
+  uint32_t cell;         /* ring * width + column */
+  uint8_t laser, ring;   /* hardware id; row, 0 at the top */
+  uint8_t return_number; /* 1, or 2 of a second return */
+  uint8_t reserved;
+  int64_t t_ns; /* host time of the firing, ns since 1970-01-01 UTC; of an HDL-64E that of the frame */
 } lidarcodec_point;
+
+typedef enum lidarcodec_returns {
+  LIDARCODEC_FIRST = 1,
+  LIDARCODEC_ALL = 2 /* second returns too, of other sensors than an HDL-64E */
+} lidarcodec_returns;
 
 /* A new session; NULL without memory, which no other function but `lidarcodec_close` takes. Bytes and points may be
  * NULL where their size is 0. */
@@ -77,9 +106,11 @@ LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* ses
 LIDARCODEC_API lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                                  lidarcodec_frame* frame);
 
-/* Points of the frame that was pushed last, column by column: up to `capacity` of them are written. Returns how many
- * there are. Without memory it returns 0. */
-LIDARCODEC_API size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_point* points, size_t capacity);
+/* Points of the frame that was pushed last, column by column, second returns behind all first ones: up to `capacity` of
+ * them are written. Returns how many there are. Without memory it returns 0, and where the directions of the beams are
+ * not known, as of an Ouster without its metadata. */
+LIDARCODEC_API size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns returns,
+                                        lidarcodec_point* points, size_t capacity);
 
 /* Of the last call that failed: a sentence in English, the byte at which it was seen, and with
  * LIDARCODEC_MISSING_REFERENCE the index of the frame that is needed. The sentence holds until the next call. */

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "frames/ring_geometry.hpp"
 #include "session/session.hpp"
 
 #define EXPORT(name) extern "C" __attribute__((export_name(#name)))
@@ -53,13 +54,24 @@ class Page final : public lidarcodec::Outside {
   std::map<std::string, std::vector<std::uint8_t>> given;
 };
 
+// A frame of another sensor than an HDL-64E as a viewer takes it: ranges in 16 bits, intensities in 8, both halves of
+// columns in one direction.
+struct Shown {
+  std::vector<std::uint16_t> range, azimuth;
+  std::vector<std::uint8_t> intensity;
+  std::vector<lidarcodec::RingGeometry> rings;
+};
+
 // Of one stream; a module has one.
 struct Stream {
   std::vector<std::uint8_t> input;
   Page* page = new Page;
   lidarcodec::Session session{std::unique_ptr<const lidarcodec::Outside>(page)};
   const lidarcodec::SessionFrame* frame = nullptr;
+  Shown shown;
   std::string missing;
+
+  const lidarcodec::ImageFrame* images() const { return frame->images ? &*frame->images : nullptr; }
 };
 
 }  // namespace
@@ -101,38 +113,63 @@ EXPORT(lidarcodec_give_picture) void lidarcodec_give_picture(Stream* stream) {
 EXPORT(lidarcodec_push) void lidarcodec_push(Stream* stream) {
   stream->frame = &stream->session.push(stream->input);
   stream->page->samples.reset();
+  stream->shown = {};
+  if (const lidarcodec::ImageFrame* const images = stream->images()) {
+    stream->shown.range = lidarcodec::shown_ranges(*images);
+    stream->shown.intensity = lidarcodec::shown_intensities(*images);
+    stream->shown.azimuth = images->azimuth;
+    stream->shown.azimuth.insert(stream->shown.azimuth.end(), images->azimuth.begin(), images->azimuth.end());
+  }
 }
 
-// The frame that was pushed: W columns; azimuth (2, W) u16, range (64, W) u16, intensity (64, W) u8, or 0 where none
-// are sent.
-EXPORT(lidarcodec_width) std::uint32_t lidarcodec_width(const Stream* stream) { return stream->frame->planes.width; }
-EXPORT(lidarcodec_azimuth) const std::uint16_t* lidarcodec_azimuth(const Stream* stream) {
-  return stream->frame->planes.azimuth.data();
+// The frame that was pushed: H rows, W columns; azimuth (2, W) u16, range (H, W) u16, intensity (H, W) u8, or 0 where
+// none are sent.
+EXPORT(lidarcodec_rows) std::uint32_t lidarcodec_rows(const Stream* stream) {
+  return stream->images() ? stream->images()->sensor->rows() : lidarcodec::kRows;
 }
+EXPORT(lidarcodec_width) std::uint32_t lidarcodec_width(const Stream* stream) {
+  return stream->images() ? stream->images()->width : stream->frame->planes.width;
+}
+EXPORT(lidarcodec_azimuth) const std::uint16_t* lidarcodec_azimuth(const Stream* stream) {
+  return stream->images() ? stream->shown.azimuth.data() : stream->frame->planes.azimuth.data();
+}
+// Of a frame without images there is none.
 EXPORT(lidarcodec_range) const std::uint16_t* lidarcodec_range(const Stream* stream) {
-  return stream->frame->planes.range.data();
+  return stream->images() ? stream->shown.range.data() : stream->frame->planes.range.data();
 }
 EXPORT(lidarcodec_intensity) const std::uint8_t* lidarcodec_intensity(const Stream* stream) {
-  return stream->frame->has_intensity ? stream->frame->planes.intensity.data() : nullptr;
+  if (!stream->frame->has_intensity) return nullptr;
+  return stream->images() ? stream->shown.intensity.data() : stream->frame->planes.intensity.data();
 }
 
-// Its sensor: name and hash, which end with a zero; 0 `ros` or 1 `veloview`; range step, 1e-7 m; table (11, 64) i32;
-// laser of each row, u8.
+// Its sensor: model, name and hash, which end with a zero; 0 `ros` or 1 `veloview`; range step, 1e-7 m; laser of each
+// row, u8; of an HDL-64E the table (11, 64) i32.
+EXPORT(lidarcodec_sensor_model) const char* lidarcodec_sensor_model(const Stream* stream) {
+  return stream->images() ? stream->images()->sensor->model.c_str() : "hdl64e";
+}
 EXPORT(lidarcodec_sensor_name) const char* lidarcodec_sensor_name(const Stream* stream) {
-  return stream->frame->sensor->name.c_str();
+  return (stream->images() ? stream->images()->sensor->name : stream->frame->sensor->name).c_str();
 }
 EXPORT(lidarcodec_sensor_hash) const char* lidarcodec_sensor_hash(const Stream* stream) {
-  return stream->frame->sensor->hash.c_str();
+  return (stream->images() ? stream->images()->sensor->hash : stream->frame->sensor->hash).c_str();
 }
 EXPORT(lidarcodec_convention) std::uint32_t lidarcodec_convention(const Stream* stream) {
-  return stream->frame->sensor->convention;
+  return stream->images() ? stream->images()->sensor->convention : stream->frame->sensor->convention;
 }
-EXPORT(lidarcodec_range_step) std::uint32_t lidarcodec_range_step(const Stream* stream) {
+EXPORT(lidarcodec_range_step) double lidarcodec_range_step(const Stream* stream) {
+  if (const lidarcodec::ImageFrame* const images = stream->images())
+    return static_cast<double>(images->sensor->range_step) * lidarcodec::shown_step(*images);
   return stream->frame->sensor->range_step;
+}
+EXPORT(lidarcodec_laser) const std::uint8_t* lidarcodec_laser(const Stream* stream) {
+  return stream->images() ? stream->images()->sensor->laser.data() : stream->frame->sensor->laser.data();
 }
 EXPORT(lidarcodec_table) const std::int32_t* lidarcodec_table(const Stream* stream) {
   return stream->frame->sensor->table.data();
 }
-EXPORT(lidarcodec_laser) const std::uint8_t* lidarcodec_laser(const Stream* stream) {
-  return stream->frame->sensor->laser.data();
+// (H, 5) f64 of another sensor, fitted to the frame: rotation, elevation, distance, height, aside; 0 of an HDL-64E.
+EXPORT(lidarcodec_rings) const lidarcodec::RingGeometry* lidarcodec_rings(Stream* stream) {
+  if (!stream->images()) return nullptr;
+  stream->shown.rings = lidarcodec::ring_geometry(*stream->images());
+  return stream->shown.rings.data();
 }

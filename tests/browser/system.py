@@ -47,11 +47,11 @@ class System:
         assert self._server is not None
         _end(self._server)
 
-    def start_vehicle(self, name: str = "car-7") -> None:
+    def start_vehicle(self, name: str = "car-7", source: str = "sim:city") -> None:
         """Start a vehicle that drives through a town and gives its originals, if it does not drive already."""
         if name not in self._vehicles:
             rate = ["--rate", str(RATE_HZ)]
-            self._vehicles[name] = self._start("publish", "sim:city", "--vehicle", name, *rate, "--original")
+            self._vehicles[name] = self._start("publish", source, "--vehicle", name, *rate, "--original")
 
     def kill_vehicle(self, name: str = "car-7") -> None:
         """End a vehicle as a power cut would."""

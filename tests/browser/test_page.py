@@ -28,6 +28,12 @@ def row_of(page, name="car-7"):
     return page.get_by_role("navigation", name="Streams").get_by_role("button", name=re.compile(name))
 
 
+def frame_shown(page) -> int:
+    """Index of the frame on the screen, a little later."""
+    page.wait_for_timeout(100)
+    return int(re.search(r"frame (\d+)", page.locator("footer").inner_text())[1])
+
+
 def outcome(page):
     return page.locator(".outcome")
 
@@ -77,22 +83,38 @@ def test_the_page_decodes_what_it_can_and_says_so_where_the_server_must(fleet, p
     expect(row_of(page)).to_contain_text("riddle")
     page.get_by_label("Decode here").check()
 
-    def shown() -> int:
-        page.wait_for_timeout(100)
-        return int(re.search(r"frame (\d+)", page.locator("footer").inner_text())[1])
-
-    assert eventually(lambda: shown() and any("/frames?" in url for url in sockets), LIMIT_S)
-    before = shown()
-    assert eventually(lambda: shown() > before, 2 * LIMIT_S)
+    assert eventually(lambda: frame_shown(page) and any("/frames?" in url for url in sockets), LIMIT_S)
+    before = frame_shown(page)
+    assert eventually(lambda: frame_shown(page) > before, 2 * LIMIT_S)
     expect(page).to_have_title(POINTS)
     fleet.change(SETTINGS, codec="pcodec")
     expect(row_of(page)).to_contain_text("pcodec")
-    before = shown()
-    assert eventually(lambda: shown() > before, 2 * LIMIT_S)
+    before = frame_shown(page)
+    assert eventually(lambda: frame_shown(page) > before, 2 * LIMIT_S)
     expect(page.locator("footer")).not_to_contain_text("The server decodes this stream")
     fleet.change(SETTINGS, codec="jpeg")
     expect(page.locator("footer")).to_contain_text("The server decodes this stream")
     expect(page).to_have_title(POINTS)
+
+
+def test_the_page_decodes_and_draws_another_sensor_as_the_server_shows_it(fleet, page_of):
+    fleet.start_vehicle("car-8", "sim:city?sensor=vlp16")
+    try:
+        page = page_of(f"{fleet.url}/#car-8/lidar")
+        sockets = []
+        page.on("websocket", lambda socket: sockets.append(socket.url))
+        row_of(page, "car-8").click()
+        expect(page).to_have_title(POINTS)
+        page.get_by_label("Decode here").check()
+        assert eventually(
+            lambda: page.wait_for_timeout(100) or any("car-8/lidar/frames?" in url for url in sockets), LIMIT_S
+        )
+        before = frame_shown(page)
+        assert eventually(lambda: frame_shown(page) > before, 2 * LIMIT_S)
+        expect(page).to_have_title(POINTS)
+        expect(page.locator("footer")).not_to_contain_text("The server decodes this stream")
+    finally:
+        fleet.kill_vehicle("car-8")
 
 
 def test_a_target_that_pinned_settings_keep_out_of_reach_is_said_in_red_over_the_picture(fleet, page):

@@ -19,7 +19,7 @@ from lidarcodec.errors import (
     UnsupportedVersionError,
 )
 
-ROWS = 64
+FIRST, ALL = 1, 2
 ERRORS: dict[int, type[DecodeError]] = {
     1: HeaderError,
     2: UnsupportedVersionError,
@@ -30,7 +30,9 @@ ERRORS: dict[int, type[DecodeError]] = {
 }
 """The error of the package for each status of the library."""
 POINT = np.dtype(
-    [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"), ("_", "u1")]
+    [(axis, "f4") for axis in "xyz"]
+    + [("intensity", "u4"), ("cell", "u4"), ("laser", "u1"), ("ring", "u1"), ("return_number", "u1"), ("_", "u1")]
+    + [("t_ns", "i8")]
 )
 
 
@@ -42,31 +44,49 @@ class _Frame(ctypes.Structure):
         ("codec", ctypes.c_uint16),
         ("key", ctypes.c_uint8),
         ("has_intensity", ctypes.c_uint8),
+        ("rows", ctypes.c_uint32),
         ("width", ctypes.c_uint32),
         ("points", ctypes.c_uint32),
+        ("plane_count", ctypes.c_uint32),
         ("range_step_m", ctypes.c_double),
-        ("range", ctypes.c_void_p),
-        ("intensity", ctypes.c_void_p),
+        ("planes", ctypes.c_void_p),
         ("azimuth", ctypes.c_void_p),
         ("fired", ctypes.c_void_p),
         ("laser", ctypes.c_void_p),
         ("pose", ctypes.c_void_p),
         ("sensor", ctypes.c_char_p),
+        ("model", ctypes.c_char_p),
+    )
+
+
+class _Plane(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("values", ctypes.c_void_p),
+        ("bytes", ctypes.c_uint8),
+        ("bits", ctypes.c_uint8),
+        ("role", ctypes.c_uint8),
+        ("of", ctypes.c_uint8),
     )
 
 
 class Decoded(NamedTuple):
-    """A frame as the library gives it; shapes as in `Frame`. pose: (3, 4) or None; points: (N,) POINT."""
+    """A frame as the library gives it; shapes as in `Frame`. pose: (3, 4) or None; points: (N,) POINT, first
+    returns or, as `all_points`, second ones too; forms: name, bits, role and `of` of each plane."""
 
     index: int
     stamp_ns: int
     sensor: str
-    range: npt.NDArray[np.uint16]
-    intensity: npt.NDArray[np.uint8]
+    model: str
+    range_step_m: float
+    laser: npt.NDArray[np.uint8]
+    planes: dict[str, npt.NDArray[np.unsignedinteger]]
+    forms: list[tuple[str, int, int, int]]
     azimuth: npt.NDArray[np.uint16]
     fired: npt.NDArray[np.bool_]
     pose: npt.NDArray[np.float64] | None
     points: npt.NDArray[np.void]
+    all_points: npt.NDArray[np.void]
 
 
 class CSession:
@@ -94,27 +114,37 @@ class CSession:
 
     def points(self) -> int:
         """How many points the frame that was pushed last has."""
-        return int(self._c.lidarcodec_points(self._session, None, ctypes.c_size_t(0)))
+        return int(self._c.lidarcodec_points(self._session, FIRST, None, ctypes.c_size_t(0)))
+
+    def _points(self, returns: int) -> npt.NDArray[np.void]:
+        count = self._c.lidarcodec_points(self._session, returns, None, ctypes.c_size_t(0))
+        points = np.zeros(count, POINT)
+        given = (points.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(count))
+        assert self._c.lidarcodec_points(self._session, returns, *given) == count
+        return points
 
     def push(self, data: bytes | None) -> Decoded:
         """The frame of a message; None: a null pointer."""
         frame = _Frame()
         size = ctypes.c_size_t(len(data or b""))
         self._check(self._c.lidarcodec_push(self._session, data, size, ctypes.byref(frame)))
-        points = np.zeros(frame.points, POINT)
-        given = (points.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(len(points)))
-        assert self._c.lidarcodec_points(self._session, *given) == frame.points
-        width = frame.width
+        shape = (frame.rows, frame.width)
+        given = (_Plane * frame.plane_count).from_address(frame.planes) if frame.plane_count else ()
+        planes = {one.name.decode(): _array(one.values, f"u{one.bytes}", shape) for one in given}
         return Decoded(
             frame.index,
             frame.stamp_ns,
             frame.sensor.decode(),
-            _array(frame.range, np.uint16, (ROWS, width)),
-            _array(frame.intensity, np.uint8, (ROWS, width)),
-            _array(frame.azimuth, np.uint16, (2, width)),
-            _array(frame.fired, np.uint8, (2, width)).astype(np.bool_),
+            frame.model.decode(),
+            frame.range_step_m,
+            _array(frame.laser, np.uint8, (frame.rows,)),
+            planes,
+            [(one.name.decode(), one.bits, one.role, one.of) for one in given],
+            _array(frame.azimuth, np.uint16, (2, frame.width)),
+            _array(frame.fired, np.uint8, (2, frame.width)).astype(np.bool_),
             _array(frame.pose, np.float64, (3, 4)) if frame.pose else None,
-            points,
+            self._points(FIRST),
+            self._points(ALL),
         )
 
     def _check(self, status: int) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from lidarcodec.codecs import table
+from lidarcodec.entropy.zstd_frames import decompress
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.network.learner import Offer
@@ -29,6 +30,7 @@ from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
 from tests.fuzz import configurations, extremes
+from tests.sensors.made_frames import made_frames, made_layouts
 from tests.vectors.make import split
 
 CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
@@ -92,6 +94,27 @@ def _coded(settings: dict[str, Any], made: list[Frame], *, learns: bool = False)
         return [_plain(message, frame) for messages, frame in coded for message in messages]
 
 
+def _raw_zstd(plain: bytes) -> bytes:
+    """A zstd frame whose blocks are not compressed, so that a fuzzer can change what it holds."""
+    most = 1 << 16
+    parts = [plain[at : at + most] for at in range(0, len(plain), most)] or [b""]
+    head = struct.pack("<IBI", 0xFD2FB528, 0xA0, len(plain))
+    heads = ((len(part) << 3 | (number == len(parts) - 1)).to_bytes(3, "little") for number, part in enumerate(parts))
+    return head + b"".join(head_of + part for head_of, part in zip(heads, parts, strict=True))
+
+
+def _described(message: Message) -> Message:
+    """A message of another sensor than an HDL-64E, with its description as it is, not compressed."""
+
+    def plain(section: Section) -> Section:
+        if section.type != SectionType.CALIBRATION or not section.data[0]:
+            return section
+        size = int.from_bytes(section.data[9:13], "little")
+        return section._replace(data=section.data[:13] + _raw_zstd(decompress(section.data[13:], size)))
+
+    return replace(message, sections=tuple(map(plain, message.sections)))
+
+
 def _golden(path: Path) -> list[Message]:
     """The messages of a file; those of riddle with networks of their own."""
     messages = list(map(unpack, split(path.read_bytes())))
@@ -99,6 +122,23 @@ def _golden(path: Path) -> list[Message]:
         own = Section(SectionType.WEIGHTS, _weights())
         messages[0] = replace(messages[0], sections=(own, *messages[0].sections))
     return messages
+
+
+def _others() -> Iterator[list[Message]]:
+    """Short frames of other sensors, each layout by each kind of planes, with tables, steps and few columns."""
+    ways: list[dict[str, Any]] = [
+        {"codec": "raw"},
+        {"codec": "zstd", "max_error_m": 0.05},
+        {"codec": "raw", "reduction": "lattice:3", "intensity": "levels=7"},
+        {"codec": "predictive", "intensity": "error=9"},
+        {"codec": "pcodec", "intensity": "off"},
+    ]
+    few = [(sensor, layout) for sensor, layout in made_layouts() if sensor.rows <= 40 or sensor.model == "vls128"]
+    for number, (sensor, layout) in enumerate(few):
+        for at in (number, number + 2):
+            encoder = StreamEncoder(settings_from({"key_interval": 2, **ways[at % len(ways)]}), stream_id=1)
+            made = made_frames(sensor, layout, 1, 3)[1:]  # the second has an odd packet
+            yield [_described(message) for frame in made for message in encoder.encode(frame)]
 
 
 def _streams(seed: int) -> Iterator[list[Message]]:
@@ -112,6 +152,7 @@ def _streams(seed: int) -> Iterator[list[Message]]:
     for codec in CODECS:
         for at in range(0, len(small), _MESSAGES):
             yield _coded({"codec": codec}, small[at : at + _MESSAGES])
+    yield from _others()
     for path in sorted(_GOLDEN.glob("v1_*.bin")):
         if path.stem.split("_")[1] in CODECS:
             yield _golden(path)

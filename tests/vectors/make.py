@@ -7,7 +7,6 @@ become: an object for each frame, with digests (the first 16 hex digits of SHA-2
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +22,8 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
+from tests.vectors.digest import digest
+from tests.vectors.other_sensors import STREAMS, expected_of_other, messages_of
 
 FOLDER = Path(__file__).parent
 GOLDEN = FOLDER.parent / "golden"
@@ -85,7 +86,7 @@ def thinned_streams() -> dict[str, list[Message]]:
 
 def streams() -> dict[str, list[Message]]:
     """Messages by name of the vector."""
-    made = thinned_streams()
+    made = thinned_streams() | {name: messages_of(stream) for name, stream in STREAMS.items()}
     for name, settings in {
         "raw": StreamSettings(codec="raw", key_interval=4),
         "zstd": StreamSettings(codec="zstd", max_error_m=0, key_interval=4),
@@ -109,12 +110,10 @@ def split(data: bytes) -> Iterator[bytes]:
         data = data[size:]
 
 
-def _digest(array: np.ndarray[Any, Any]) -> str:
-    return hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest()[:16]
-
-
 def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
     """What a decoder must find in a message; numbers of 64 bits as text. Points: the first, middle and last, metres."""
+    if message.planes:
+        return expected_of_other(frame, message)
     cloud = frame.cloud()
     shown = [cloud[at] for at in (0, len(cloud) // 2, len(cloud) - 1)] if len(cloud) else []
     fired = frame.fired if frame.lattice is None else frame.fired & np.isin(np.arange(frame.width), frame.lattice)
@@ -125,10 +124,10 @@ def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
         "sensor": [frame.sensor.name, frame.sensor.hash, frame.sensor.convention, frame.sensor.range_step_m],
         "width": frame.width,
         "returns": int(np.count_nonzero(frame.valid)),
-        "range": _digest(np.where(frame.valid, frame.range, np.uint16(0))),
-        "intensity": _digest(frame.intensity),
-        "azimuth": _digest(frame.azimuth),
-        "fired": _digest(fired.astype(np.uint8)),
+        "range": digest(np.where(frame.valid, frame.range, np.uint16(0))),
+        "intensity": digest(frame.intensity),
+        "azimuth": digest(frame.azimuth),
+        "fired": digest(fired.astype(np.uint8)),
         "pose": None if frame.pose is None else frame.pose[:3].ravel().tolist(),
         **({} if frame.lattice is None else _thinned(frame)),
         "points": [[round(float(p[axis]), 4) for axis in "xyz"] + [int(p["intensity"]), int(p["ring"])] for p in shown],
@@ -140,9 +139,9 @@ def _thinned(frame: Frame) -> dict[str, Any]:
     wide = filled(frame)
     made_up = np.zeros(frame.range.shape, np.bool_) if wide.filled is None else wide.filled
     return {
-        "lattice": _digest(frame.lattice),
+        "lattice": digest(frame.lattice),
         "made_up": int(np.count_nonzero(made_up)),
-        "filled": [_digest(image) for image in (made_up.astype(np.uint8), wide.range, wide.intensity)],
+        "filled": [digest(image) for image in (made_up.astype(np.uint8), wide.range, wide.intensity)],
     }
 
 

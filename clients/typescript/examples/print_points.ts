@@ -4,7 +4,7 @@
  * `--experimental-websocket` before the file. A second argument ends it after so many frames; the environment's
  * LIDARCODEC_TOKEN is sent where the server wants one. */
 
-import { Decoder, DecodeError, pointsOf } from "../src/index.js";
+import { Decoder, DecodeError, isImageFrame, pointsOf } from "../src/index.js";
 
 const [url, count] = process.argv.slice(2);
 if (url === undefined) {
@@ -25,9 +25,14 @@ socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
   }
   try {
     const frame = decoder.decode(new Uint8Array(data));
-    const { xyz, count: points } = pointsOf(frame);
-    const metres = Array.from(xyz.subarray(0, 3), (value) => value.toFixed(2)).join(", ");
-    console.log(`frame ${frame.index}: ${points} points${points ? `, the first at ${metres} m` : ""}`);
+    if (isImageFrame(frame)) {
+      const planes = frame.planes.map(({ name }) => name).join(", ");
+      console.log(`frame ${frame.index} of a ${frame.sensor.name}: ${frame.returns} returns, planes ${planes}`);
+    } else {
+      const { xyz, count: points } = pointsOf(frame);
+      const metres = Array.from(xyz.subarray(0, 3), (value) => value.toFixed(2)).join(", ");
+      console.log(`frame ${frame.index}: ${points} points${points ? `, the first at ${metres} m` : ""}`);
+    }
     left--;
   } catch (error) {
     if (!(error instanceof DecodeError)) throw error;

@@ -4,14 +4,16 @@ import { DecodeError, damaged } from "./errors.js";
 import { MaskHistory } from "./history.js";
 import { latticeOf, widened, widenedAzimuth } from "./lattice.js";
 import { Codec, type Message, Section, needed, readMessage } from "./message.js";
+import { type DescribedSensor, readDescribed } from "./other/calibration.js";
+import { type ImageFrame, readImageFrame } from "./other/frame.js";
 import { type Planes, count, readPlanes } from "./planes.js";
 import { readPose } from "./pose.js";
 import { readZstdRanges } from "./ranges.js";
 import { readRaw } from "./raw.js";
-import { ROWS, type Sensor, SensorBook } from "./sensor.js";
+import { ROWS, type Sensor, SensorBook, readSensor } from "./sensor.js";
 import { zstdReady } from "./zstd.js";
 
-/** A frame as the sensor saw it: images of 64 rows, the highest beam first, and W columns, row after row. */
+/** A frame of an HDL-64E as the sensor saw it: images of 64 rows, the highest beam first, and W columns, row after row. */
 export interface Frame extends Planes {
   readonly streamId: bigint;
   readonly index: bigint;
@@ -37,7 +39,8 @@ export interface Frame extends Planes {
 /** Decodes the messages of one stream, one after the other. */
 export class Decoder {
   #of = "";
-  #sensors = new SensorBook();
+  #sensors = new SensorBook<Sensor>([1, 2], readSensor);
+  #described = new SensorBook<DescribedSensor>([3], readDescribed);
   readonly #history = new MaskHistory();
   /** Index of the frame decoded last, and that frame until a mask refers to it. */
   #last: bigint | null = null;
@@ -50,18 +53,21 @@ export class Decoder {
     return new Decoder();
   }
 
-  /** The frame of a message. Throws DecodeError, whatever the bytes, and goes on with the next message. */
-  decode(data: Uint8Array): Frame {
+  /** The frame of a message; that of another sensor than an HDL-64E is an ImageFrame. Throws DecodeError, whatever the
+   * bytes, and goes on with the next message. */
+  decode(data: Uint8Array): Frame | ImageFrame {
     const message = readMessage(data);
     const { codec, streamId, index } = message;
     if (codec !== Codec.raw && codec !== Codec.zstd)
       throw new DecodeError("version", `codec ${codec}: this decoder reads raw (1) and zstd (2)`);
     if (message.frames !== 1) throw damaged("a group of frames of a codec that sends one each");
-    if (this.#of !== `${codec} ${streamId}`) {
-      this.#of = `${codec} ${streamId}`;
-      this.#sensors = new SensorBook();
+    if (this.#of !== `${codec} ${streamId} ${message.planes}`) {
+      this.#of = `${codec} ${streamId} ${message.planes}`;
+      this.#sensors = new SensorBook<Sensor>([1, 2], readSensor);
+      this.#described = new SensorBook<DescribedSensor>([3], readDescribed);
       this.#last = null;
     }
+    if (message.planes) return readImageFrame(message, this.#described);
     const sensor = this.#sensors.of(message);
     if (message.needs !== null && message.needs !== this.#last)
       throw new DecodeError("reference", `frame ${index} needs frame ${message.needs}: ask for a key message`);

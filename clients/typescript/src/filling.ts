@@ -6,7 +6,6 @@
 
 import type { Frame } from "./decoder.js";
 import type { Lattice } from "./lattice.js";
-import { ROWS } from "./sensor.js";
 
 /** Ranges a and b lie on one surface if they differ by at most JUMP + min(a, b) / SHARE steps; 0.25 m. */
 const JUMP = 125;
@@ -14,13 +13,13 @@ const SHARE = 20;
 /** Columns between which something is made up. */
 const WIDEST = 64;
 
-/** Fills images in place. Returns 64 x W, 1 where a return was made up, and how many there are.
+/** Fills images in place, of any number of rows. Returns as many numbers, 1 where a return was made up, and how many there are.
  *
- * range, intensity: 64 x W, 0 between the columns that were sent */
+ * range, intensity: rows x W, 0 between the columns that were sent */
 export function fill(range: Uint16Array, intensity: Uint8Array | null, { width, columns }: Lattice): [Uint8Array, number] {
-  const made = new Uint8Array(ROWS * width);
+  const made = new Uint8Array(range.length);
   let count = 0;
-  for (let row = 0; row < ROWS; row++)
+  for (let row = 0; row * width < range.length; row++)
     for (let i = 0; i + 1 < columns.length; i++) {
       const [left, right] = [row * width + columns[i], row * width + columns[i + 1]];
       const gap = right - left;

@@ -18,11 +18,11 @@ export interface Lattice {
 /** How the whole frame is made of a narrow one; null for a frame that was not thinned. The side information is skipped. */
 export function latticeOf(message: Message): Lattice | null {
   const data = message.section(Section.LATTICE);
-  return data === null ? null : readLattice(data, message.width);
+  return data === null ? null : readLattice(data, message.planes ? null : message.width);
 }
 
-/** narrow: the width of the frame that was sent */
-export function readLattice(data: Uint8Array, narrow: number): Lattice {
+/** narrow: the width of the frame that was sent; null where planes are as wide as this list */
+export function readLattice(data: Uint8Array, narrow: number | null): Lattice {
   if (data.length < HEAD_BYTES) throw new DecodeError("truncated", `a lattice section of ${data.length} bytes`);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const [kind, width, packets, listed] = [data[0], view.getUint16(1, true), view.getUint16(3, true), view.getUint16(5, true)];
@@ -32,7 +32,7 @@ export function readLattice(data: Uint8Array, narrow: number): Lattice {
   if (behind + side > data.length) throw new DecodeError("truncated", "a lattice section ends within what it announces");
   if (side === 0 && (packets > 0 || data.length > behind)) throw damaged("a lattice of packets without side information");
   const columns = columnsOf(kind, width, data.subarray(HEAD_BYTES, behind));
-  if (columns.length !== narrow || (width > 0 && narrow === 0))
+  if ((narrow !== null && columns.length !== narrow) || (width > 0 && columns.length === 0))
     throw damaged(`a lattice of ${columns.length} columns for a frame of ${narrow}`);
   return { width, columns };
 }
@@ -61,8 +61,8 @@ function columnsOf(kind: number, width: number, data: Uint8Array): Uint16Array {
 }
 
 /** Rows of a narrow image in the frame's own columns, with zeros between them. */
-export function widened<T extends Uint8Array | Uint16Array>(narrow: T, rows: number, { width, columns }: Lattice): T {
-  const wide = (narrow instanceof Uint16Array ? new Uint16Array(rows * width) : new Uint8Array(rows * width)) as T;
+export function widened<T extends Uint8Array | Uint16Array | Uint32Array>(narrow: T, rows: number, { width, columns }: Lattice): T {
+  const wide = new (narrow.constructor as new (length: number) => T)(rows * width);
   for (let row = 0, from = 0; row < rows; row++)
     for (let i = 0; i < columns.length; i++) wide[row * width + columns[i]] = narrow[from++];
   return wide;

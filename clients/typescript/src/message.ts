@@ -7,6 +7,7 @@ export const LARGEST_MESSAGE = 67_108_864;
 export const LARGEST_WIDTH = 24_576;
 const HEADER_BYTES = 56;
 const CHECKSUM_BYTES = 4;
+const PLANES_FLAG = 0x100;
 const MAGIC = [0x93, 0x4c, 0x44, 0x43];
 
 export const Section = {
@@ -35,6 +36,8 @@ export interface Message {
   readonly minor: number;
   readonly codec: number;
   readonly key: boolean;
+  /** Whether it is of another sensor than an HDL-64E, in PLANES and REST sections. */
+  readonly planes: boolean;
   readonly streamId: bigint;
   /** Host time of the first packet, ns since 1970 UTC. */
   readonly stampNs: bigint;
@@ -75,7 +78,7 @@ export function readMessage(given: Uint8Array): Message {
   const key = (flags & 1) !== 0;
   const index = view.getBigUint64(32, true);
   const needs = view.getBigUint64(40, true);
-  if (flags & 0xff00) throw new DecodeError("version", `flags 0x${flags.toString(16)}: not all of them are known`);
+  if (flags & 0xff00 & ~PLANES_FLAG) throw new DecodeError("version", `flags 0x${flags.toString(16)}: not all of them are known`);
   within(headerBytes, HEADER_BYTES, end, "the size of the header");
   const limits: [string, number, number, number][] = [
     ["frames", view.getUint16(48, true), 1, 64],
@@ -94,6 +97,7 @@ export function readMessage(given: Uint8Array): Message {
     minor: data[5],
     codec: view.getUint16(12, true),
     key,
+    planes: (flags & PLANES_FLAG) !== 0,
     streamId: view.getBigUint64(16, true),
     stampNs: view.getBigInt64(24, true),
     index,

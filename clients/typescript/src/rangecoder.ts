@@ -159,7 +159,7 @@ export class RangeDecoder {
   }
 }
 
-/** Whole numbers up to 32 bits: the length in unary, its highest bits by models, the rest as they are. */
+/** Whole numbers: the length in unary, its highest bits by models, the rest as they are. */
 export class NumberModel {
   readonly #longer = new BitModels(3 * 64);
   readonly #high = new BitModels(64 * 4);
@@ -178,9 +178,30 @@ export class NumberModel {
       value = 2 * value + bit;
     }
     if (left > 0) value = value * 2 ** left + coder.bits(left);
+    this.#remember(length);
+    return value;
+  }
+
+  /** The same of numbers up to 64 bits. */
+  decodeLong(coder: RangeDecoder): bigint {
+    let length = 0;
+    while (length < 64 && coder.bit(this.#longer, this.#recent * 64 + length)) length++;
+    let value = length > 0 ? 1n : 0n;
+    let left = length - 1;
+    for (let node = 1; left > 0 && node < 4; left--) {
+      const bit = coder.bit(this.#high, (length - 1) * 4 + node);
+      node = 2 * node + bit;
+      value = 2n * value + BigInt(bit);
+    }
+    for (; left > 0; left -= Math.min(left, 32))
+      value = (value << BigInt(Math.min(left, 32))) | BigInt(coder.bits(Math.min(left, 32)));
+    this.#remember(length);
+    return value;
+  }
+
+  #remember(length: number): void {
     const now = length > 0 ? 1 : 0;
     this.#recent = now + this.#last;
     this.#last = now;
-    return value;
   }
 }

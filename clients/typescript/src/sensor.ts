@@ -6,9 +6,9 @@ import { sha256 } from "./sha256.js";
 import { zstdFrame } from "./zstd.js";
 
 export const ROWS = 64;
-const FIELDS = 11;
+export const FIELDS = 11;
 const TABLE_BYTES = FIELDS * ROWS * 4;
-const HASH_BYTES = 8;
+export const HASH_BYTES = 8;
 const KEPT = 8;
 
 /** Rows of the calibration table. Angles in 1e-8 rad, lengths in 1e-7 m. */
@@ -42,11 +42,20 @@ export function rowValues(sensor: Sensor, field: number): Int32Array {
   return Int32Array.from(sensor.laser, (laser) => sensor.table[field * ROWS + laser]);
 }
 
-function hex(bytes: Uint8Array): string {
+export function hex(bytes: Uint8Array): string {
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-function readSensor(data: Uint8Array): Sensor {
+export function sensorName(bytes: Uint8Array): string {
+  try {
+    return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(bytes);
+  } catch {
+    throw damaged("a sensor name that is not UTF-8");
+  }
+}
+
+/** A sensor of forms 1 and 2 of the section, an HDL-64E. */
+export function readSensor(data: Uint8Array): Sensor {
   const at = 1 + HASH_BYTES;
   if (data.length < at + 6) throw damaged("a calibration ends within its head");
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
@@ -56,12 +65,7 @@ function readSensor(data: Uint8Array): Sensor {
   if (convention > 1 || step === 0) throw damaged(`convention ${convention}, range step ${step} of a calibration`);
   if (data.length < nameEnd) throw damaged("a calibration ends within its name");
   const nameBytes = data.subarray(at + 6, nameEnd);
-  let name: string;
-  try {
-    name = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(nameBytes);
-  } catch {
-    throw damaged("a sensor name that is not UTF-8");
-  }
+  const name = sensorName(nameBytes);
   const rest = data.subarray(nameEnd);
   const bytes = data[0] === 1 ? zstdFrame(rest, TABLE_BYTES) : rest;
   if (bytes.length !== TABLE_BYTES) throw damaged(`a calibration table of ${bytes.length} bytes`);
@@ -69,7 +73,6 @@ function readSensor(data: Uint8Array): Sensor {
   hashed.set(nameBytes);
   hashed.set(bytes, nameBytes.length + 1);
   const hash = hex(sha256(hashed).subarray(0, HASH_BYTES));
-  if (hash !== hex(data.subarray(1, at))) throw damaged(`a calibration of hash ${hash} with another one in it`);
 
   const tableView = new DataView(bytes.buffer, bytes.byteOffset, TABLE_BYTES);
   const table = Int32Array.from({ length: FIELDS * ROWS }, (_, i) => tableView.getInt32(4 * i, true));
@@ -86,20 +89,28 @@ function readSensor(data: Uint8Array): Sensor {
   };
 }
 
-/** Sensors that key messages described, by hash; the last eight. */
-export class SensorBook {
-  readonly #known = new Map<string, { data: Uint8Array; sensor: Sensor }>();
+/** Sensors that key messages described, by hash; the last eight. forms: of the section that describe such a sensor. */
+export class SensorBook<S extends { readonly hash: string }> {
+  readonly #known = new Map<string, { data: Uint8Array; sensor: S }>();
+  readonly #forms: readonly number[];
+  readonly #read: (data: Uint8Array) => S;
 
-  of(message: Message): Sensor {
+  constructor(forms: readonly number[], read: (data: Uint8Array) => S) {
+    this.#forms = forms;
+    this.#read = read;
+  }
+
+  of(message: Message): S {
     const data = needed(message, Section.CALIBRATION, "calibration");
-    if (data.length < 1 + HASH_BYTES || data[0] > 2) throw damaged(`a calibration of ${data.length} bytes, form ${data[0]}`);
+    if (data.length < 1 + HASH_BYTES || (data[0] !== 0 && !this.#forms.includes(data[0]!))) throw damaged(`a calibration of ${data.length} bytes, form ${data[0]}`);
     const hash = hex(data.subarray(1, 1 + HASH_BYTES));
     let known = this.#known.get(hash);
     if (data[0] === 0) {
       if (data.length !== 1 + HASH_BYTES) throw damaged("bytes after a calibration's hash");
       if (!known) throw new DecodeError("reference", `calibration ${hash} comes with a key message: ask for one`);
     } else if (!known || !same(known.data, data)) {
-      known = { data: data.slice(), sensor: readSensor(data) };
+      known = { data: data.slice(), sensor: this.#read(data) };
+      if (known.sensor.hash !== hash) throw damaged(`a calibration of hash ${known.sensor.hash} with another one in it`);
     }
     this.#known.delete(hash); // and to the end: the one used longest ago gives way
     this.#known.set(hash, known);

@@ -30,10 +30,31 @@ export interface Expected {
   filled?: [string, string, string];
 }
 
-export interface Vector {
+/** Of another sensor than an HDL-64E: tests/vectors/other_sensors.py says what each is. */
+export interface ExpectedOther {
+  stream: string;
+  index: string;
+  stamp_ns: string;
+  sensor: [string, string, string, number];
+  model: string;
+  rows: number;
+  width: number;
+  returns: number;
+  planes: Record<string, string>;
+  azimuth: string;
+  lattice: string | null;
+  layout: string;
+  packet_ns: string;
+  odd: number[];
+  series: Record<string, string>;
+  pose: number[] | null;
+  shown: { range: string; intensity: string; range_step_m: number; rings: number[][] | null };
+}
+
+export interface Vector<E = Expected> {
   name: string;
   messages: Uint8Array[];
-  expected: Expected[];
+  expected: E[];
 }
 
 function split(data: Uint8Array): Uint8Array[] {
@@ -44,22 +65,31 @@ function split(data: Uint8Array): Uint8Array[] {
   return found;
 }
 
-/** Those whose name fits. */
+/** Those of other sensors than an HDL-64E whose name fits, without `other_`. */
+export function otherVectors(fits: RegExp): Vector<ExpectedOther>[] {
+  return read<ExpectedOther>((name) => name.startsWith("other_") && fits.test(name.slice(6)));
+}
+
+/** Those of an HDL-64E whose name fits. */
 export function vectors(fits: RegExp): Vector[] {
+  return read<Expected>((name) => !name.startsWith("other_") && fits.test(name));
+}
+
+function read<E>(wanted: (name: string) => boolean): Vector<E>[] {
   const folder = join(ROOT, "tests", "vectors");
   const names = readdirSync(folder).filter((name) => name.endsWith(".json"));
   return names
     .map((name) => name.slice(0, -5))
-    .filter((name) => fits.test(name))
+    .filter(wanted)
     .map((name) => {
       const golden = name.startsWith("golden_");
       const file = golden ? join(ROOT, "tests", "golden", `${name.slice(7)}.bin`) : join(folder, `${name}.bin`);
-      const expected = JSON.parse(readFileSync(join(folder, `${name}.json`), "utf8")) as Expected[];
+      const expected = JSON.parse(readFileSync(join(folder, `${name}.json`), "utf8")) as E[];
       return { name, messages: split(new Uint8Array(readFileSync(file))), expected };
     });
 }
 
-export function digest(array: Uint8Array | Uint16Array): string {
+export function digest(array: Uint8Array | Uint16Array | Uint32Array | BigInt64Array | BigUint64Array): string {
   const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
   return createHash("sha256").update(bytes).digest("hex").slice(0, 16);
 }

@@ -37,15 +37,6 @@ std::vector<std::size_t> columns_of(std::uint8_t kind, std::size_t width, Bytes 
   return columns;
 }
 
-template <class Number>
-std::vector<Number> widened(const std::vector<Number>& narrow, std::size_t rows, std::size_t width,
-                            const std::vector<std::size_t>& columns) {
-  std::vector<Number> wide(rows * width);
-  for (std::size_t row = 0; row < rows; ++row)
-    for (std::size_t i = 0; i < columns.size(); ++i) wide[row * width + columns[i]] = narrow[row * columns.size() + i];
-  return wide;
-}
-
 // here + way / gap as an angle: the nearest, a half to the even one.
 std::uint16_t turned(std::int64_t here, std::int64_t way, std::int64_t gap) {
   const std::int64_t twice = 2 * way + gap, unit = 2 * gap;
@@ -78,29 +69,37 @@ std::vector<std::uint16_t> widened_azimuth(const std::vector<std::uint16_t>& nar
 
 }  // namespace
 
-Planes in_own_columns(const Planes& narrow, Bytes section, const Outside& outside) {
+Lattice read_lattice(Bytes section, const Outside& outside) {
   if (section.size() < kHeadBytes)
     throw Error(ErrorCode::Truncated, "a lattice section of " + std::to_string(section.size()) + " bytes",
                 section.size());
-  const std::size_t width = little_endian(section, 1, 2), packets = little_endian(section, 3, 2);
+  Lattice lattice;
+  const std::size_t width = lattice.width = little_endian(section, 1, 2), packets = little_endian(section, 3, 2);
   const std::size_t behind = kHeadBytes + little_endian(section, 5, 2), side = little_endian(section, 7, 4);
   if (width > kMostColumns || packets > kMostPackets)
     damaged("a lattice of " + std::to_string(width) + " columns and " + std::to_string(packets) + " packets");
   if (behind + side > section.size())
     throw Error(ErrorCode::Truncated, "a lattice section ends within what it announces", section.size());
-  const std::vector<std::size_t> columns =
-      columns_of(section[0], width, section.subspan(kHeadBytes, behind - kHeadBytes), outside);
-  if (columns.size() != narrow.width || (width > 0 && columns.empty()))
-    damaged("a lattice of " + std::to_string(columns.size()) + " columns for a frame of " +
-            std::to_string(narrow.width));
+  lattice.columns = columns_of(section[0], width, section.subspan(kHeadBytes, behind - kHeadBytes), outside);
+  if (width > 0 && lattice.columns.empty())
+    damaged("a lattice without columns for a frame of " + std::to_string(width));
   if (side == 0 && (packets > 0 || section.size() > behind)) damaged("a lattice of packets without side information");
+  lattice.packets = side > 0;
+  return lattice;
+}
+
+Planes in_own_columns(const Planes& narrow, Bytes section, const Outside& outside) {
+  const Lattice lattice = read_lattice(section, outside);
+  if (lattice.columns.size() != narrow.width)
+    damaged("a lattice of " + std::to_string(lattice.columns.size()) + " columns for a frame of " +
+            std::to_string(narrow.width));
   Planes whole;
-  whole.width = width;
-  whole.range = widened(narrow.range, kRows, width, columns);
-  whole.azimuth = widened_azimuth(narrow.azimuth, width, columns);
-  whole.intensity = widened(narrow.intensity, kRows, width, columns);
-  whole.fired = widened(narrow.fired, 2, width, columns);
-  whole.returns = widened(narrow.returns, kRows, width, columns);
+  whole.width = lattice.width;
+  whole.range = widened(narrow.range, kRows, lattice);
+  whole.azimuth = widened_azimuth(narrow.azimuth, lattice.width, lattice.columns);
+  whole.intensity = widened(narrow.intensity, kRows, lattice);
+  whole.fired = widened(narrow.fired, 2, lattice);
+  whole.returns = widened(narrow.returns, kRows, lattice);
   return whole;
 }
 

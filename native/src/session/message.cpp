@@ -14,7 +14,7 @@ constexpr std::uint8_t kMajor = 1;
 constexpr std::size_t kHeaderBytes = 56, kChecksumBytes = 4, kSectionHead = 6;
 constexpr std::size_t kLeast = kHeaderBytes + kChecksumBytes;
 constexpr std::uint64_t kMostFrames = 64, kMostPackets = 2048, kMostSections = 256;
-constexpr std::uint64_t kKey = 1, kNeeds = 2, kCritical = 0xFF00;
+constexpr std::uint64_t kKey = 1, kNeeds = 2, kPlanes = 0x100, kCritical = 0xFF00;
 constexpr std::size_t kKnownTypes = 15;
 constexpr std::array<const char*, kKnownTypes + 1> kTypes = {
     "",       "range",   "mask", "intensity", "azimuth", "side",     "calibration", "keep",
@@ -97,7 +97,7 @@ Message read_message(Bytes data) {
   check_whole(data);
   const std::uint64_t header = little_endian(data, 6, 2), flags = little_endian(data, 14, 2),
                       needs = little_endian(data, 40, 8);
-  if ((flags & kCritical) != 0)
+  if ((flags & kCritical & ~kPlanes) != 0)
     throw Error(ErrorCode::Version, "message with flags " + text(flags) + ": this build does not know all of them", 14);
   if (needs != 0 && (flags & kNeeds) == 0)
     throw Error(ErrorCode::Header, "message header: names frame " + text(needs) + " without the flag that it needs one",
@@ -106,6 +106,7 @@ Message read_message(Bytes data) {
   Message message;
   message.codec = static_cast<Codec>(little_endian(data, 12, 2));
   message.key = (flags & kKey) != 0;
+  message.planes = (flags & kPlanes) != 0;
   message.stream_id = little_endian(data, 16, 8);
   message.stamp_ns = static_cast<std::int64_t>(little_endian(data, 24, 8));
   message.frame_index = little_endian(data, 32, 8);

@@ -22,7 +22,7 @@ enum class SectionType : std::uint8_t {
   Filler,
   Lattice,
   Position,
-  Planes,  // of other sensors than an HDL-64E: their messages are refused by a flag
+  Planes,  // of other sensors than an HDL-64E
   Rest
 };
 
@@ -53,6 +53,7 @@ struct Section {
 struct Message {
   Codec codec{};
   bool key = false;
+  bool planes = false;  // of another sensor than an HDL-64E, in PLANES and REST sections
   std::uint64_t stream_id = 0, frame_index = 0;
   std::int64_t stamp_ns = 0;
   std::optional<std::uint64_t> needs;

@@ -42,7 +42,8 @@ std::array<Ray, kRows> rays_of(const Sensor& sensor) {
 
 }  // namespace
 
-std::vector<CloudPoint> points_of(const SessionFrame& frame) {
+std::vector<CloudPoint> points_of(const SessionFrame& frame, bool both) {
+  if (frame.images) return cloud_of(*frame.images, frame.stamp_ns, both);
   const Planes& planes = frame.planes;
   const Sensor& sensor = *frame.sensor;
   const std::array<Ray, kRows> rays = rays_of(sensor);
@@ -69,7 +70,8 @@ std::vector<CloudPoint> points_of(const SessionFrame& frame) {
         z += along * ray.sin_vertical;
       }
       points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), planes.intensity[cell],
-                        sensor.laser[row], static_cast<std::uint8_t>(row)});
+                        static_cast<std::uint32_t>(cell), sensor.laser[row], static_cast<std::uint8_t>(row), 1,
+                        frame.stamp_ns});
     }
   return points;
 }

@@ -1,18 +1,15 @@
-// A frame's returns as points in metres; lidarcodec/cloud.py says by which formulas.
+// A frame's returns as points in metres; lidarcodec/cloud.py and lidarcodec/other_cloud.py say by which formulas.
 #pragma once
-#include <cstdint>
 #include <vector>
 
+#include "frames/cloud.hpp"
 #include "session/session.hpp"
 
 namespace lidarcodec {
 
-struct CloudPoint {
-  float x, y, z;  // metres: forward, left, up
-  std::uint8_t intensity, laser, ring;
-};
-
-// Column by column, in a column from the top ring down.
-std::vector<CloudPoint> points_of(const SessionFrame& frame);
+// Column by column, in a column from the top ring down. both: second returns too, after the first ones. Of an HDL-64E
+// there are first returns only, and times are the frame's: others are in its side information, which is not looked
+// into.
+std::vector<CloudPoint> points_of(const SessionFrame& frame, bool both = false);
 
 }  // namespace lidarcodec

@@ -4,33 +4,15 @@
 #include <numeric>
 
 #include "base/sha256.hpp"
+#include "base/utf8.hpp"
 
 namespace lidarcodec {
 namespace {
 
-constexpr std::uint8_t kFormHash = 0, kFormTable = 1, kFormPlainTable = 2;
-constexpr std::size_t kHeadBytes = 6, kTableBytes = kCalibrationFields * kLasers * 4, kKept = 8;
+constexpr std::uint8_t kFormTable = 1, kFormPlainTable = 2;
+constexpr std::size_t kHeadBytes = 6, kTableBytes = kCalibrationFields * kLasers * 4;
 constexpr std::size_t kRotation = 0, kVertical = 1, kDistance = 2, kVerticalOffset = 5, kHorizontalOffset = 6;
 constexpr std::int64_t kMostLevel = 1000, kLengthsPerLevel = 20'000;
-
-// Whether bytes are UTF-8 (RFC 3629): no surrogates, none longer than it has to be, none beyond U+10FFFF.
-bool is_utf8(Bytes text) {
-  for (std::size_t i = 0; i < text.size();) {
-    const std::uint8_t first = text[i++];
-    if (first < 0x80) continue;
-    const std::size_t more = first >= 0xF0 ? 3 : first >= 0xE0 ? 2 : 1;
-    if (first < 0xC2 || first > 0xF4 || text.size() - i < more) return false;
-    std::uint32_t point = first & (0x3Fu >> more);
-    for (std::size_t j = 0; j < more; ++j, ++i) {
-      if ((text[i] & 0xC0) != 0x80) return false;
-      point = point << 6 | (text[i] & 0x3Fu);
-    }
-    if (point > 0x10FFFF || (point >= 0xD800 && point < 0xE000) || (more == 2 && point < 0x800) ||
-        (more == 3 && point < 0x10000))
-      return false;
-  }
-  return true;
-}
 
 void arrange_rows(Sensor& sensor) {
   const auto of_laser = [&](std::size_t field, std::size_t laser) { return sensor.table[field * kLasers + laser]; };
@@ -86,8 +68,6 @@ std::shared_ptr<const Sensor> read_sensor(Bytes data, const Outside& outside) {
   for (std::size_t i = 0; i < sensor->table.size(); ++i)
     sensor->table[i] = static_cast<std::int32_t>(little_endian(table, 4 * i, 4));
   sensor->hash = hex(Bytes(sha256(hashed)).first(kHashBytes));
-  if (const std::string called = hex(data.subspan(1, kHashBytes)); sensor->hash != called)
-    throw Error(ErrorCode::Section, "a calibration with hash " + sensor->hash + " that calls itself " + called);
   arrange_rows(*sensor);
   return sensor;
 }
@@ -106,30 +86,9 @@ MaskGeometry Sensor::geometry(std::size_t width, const std::uint8_t* fired) cons
 }
 
 std::shared_ptr<const Sensor> SensorBook::of(const Message& message, const Outside& outside) {
-  const Bytes data = message.section(SectionType::Calibration);
-  if (data.size() < 1 + kHashBytes || data[0] > kFormPlainTable)
-    throw Error(ErrorCode::Section,
-                "a calibration section of " + std::to_string(data.size()) + " bytes, or of an unknown form");
-  const std::string name = hex(data.subspan(1, kHashBytes));
-  auto found =
-      std::find_if(known_.begin(), known_.end(), [&](const Known& known) { return known.sensor->hash == name; });
-  Known used;
-  if (found != known_.end()) used = *found;
-  if (data[0] == kFormHash) {
-    if (data.size() != 1 + kHashBytes)
-      throw Error(ErrorCode::Section, std::to_string(data.size()) + " bytes for a calibration's hash");
-    if (used.sensor == nullptr)
-      throw Error(ErrorCode::Reference,
-                  "frame " + std::to_string(message.frame_index) + " needs calibration " + name +
-                      ", which no key frame has brought yet: ask for a key frame",
-                  message.frame_index);
-  } else if (used.sensor == nullptr || !std::equal(data.begin(), data.end(), used.data.begin(), used.data.end())) {
-    used = {{data.begin(), data.end()}, read_sensor(data, outside)};
-  }
-  if (found != known_.end()) known_.erase(found);
-  known_.push_back(used);
-  if (known_.size() > kKept) known_.pop_front();
-  return used.sensor;
+  return known_.of(
+      message, [](std::uint8_t form) { return form <= kFormPlainTable; },
+      [&](Bytes data) { return read_sensor(data, outside); });
 }
 
 }  // namespace lidarcodec

@@ -3,19 +3,17 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <deque>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "mask/coder.hpp"
 #include "motion/beams.hpp"
-#include "session/message.hpp"
+#include "session/calibration_book.hpp"
 #include "session/outside.hpp"
 
 namespace lidarcodec {
 
-inline constexpr std::size_t kCalibrationFields = 11, kLasers = 64, kLowerLasers = 32, kHashBytes = 8;
+inline constexpr std::size_t kCalibrationFields = 11, kLasers = 64, kLowerLasers = 32;
 
 struct Sensor {
   std::string name;
@@ -32,18 +30,14 @@ struct Sensor {
   MaskGeometry geometry(std::size_t width, const std::uint8_t* fired) const;
 };
 
-// Sensors that the key messages of a stream described, by hash; the last eight are kept.
+// HDL-64Es that a stream described.
 class SensorBook {
  public:
   // That of a message. Raises Section, or Reference if it names one that no key message described.
   std::shared_ptr<const Sensor> of(const Message& message, const Outside& outside);
 
  private:
-  struct Known {
-    std::vector<std::uint8_t> data;
-    std::shared_ptr<const Sensor> sensor;
-  };
-  std::deque<Known> known_;  // the one used last is at the end
+  CalibrationBook<Sensor> known_;
 };
 
 }  // namespace lidarcodec

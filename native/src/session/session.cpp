@@ -16,9 +16,20 @@ constexpr std::size_t kNameBytes = 8;
 constexpr std::uint8_t kPlainEffort = 1, kMostEffort = 4;
 constexpr std::uint8_t kSparseKeep = 4, kSparseKeepAfter = 5;
 
+constexpr std::uint8_t kDescribed = 3;  // form of a CALIBRATION section, of other sensors than an HDL-64E
+
 bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec == Codec::Riddle; }
 
-void check_codec(Codec codec, const Outside& outside) {
+void check_codec(const Message& message, const Outside& outside) {
+  const Codec codec = message.codec;
+  if (message.planes) {
+    if (codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || codec == Codec::Predictive) return;
+    const std::string name = name_of(codec);
+    throw Error(ErrorCode::Version,
+                "codec " + (name.empty() ? std::to_string(static_cast<unsigned>(codec)) : name) +
+                    " does not write frames of this sensor",
+                12);
+  }
   if (outside.reads_ranges(codec)) return;
   const std::string name = name_of(codec);
   if (name.empty())
@@ -58,10 +69,11 @@ std::shared_ptr<const RiddleNets> nets_of(const WeightFile& weights, std::uint8_
 }  // namespace
 
 void Session::begin_stream(const Message& message) {
-  const std::pair of(message.codec, message.stream_id);
+  const std::tuple of(message.codec, message.stream_id, message.planes);
   if (of_ == of) return;
   if (of_) {
     sensors_ = {};
+    described_ = {};
     shelf_.forget();
     masks_.forget();
     mask_stream_.forget();
@@ -76,25 +88,44 @@ void Session::begin_stream(const Message& message) {
 void Session::give_calibration(Bytes section) {
   Message message;
   message.sections.push_back({static_cast<std::uint8_t>(SectionType::Calibration), 0, section});
-  sensors_.of(message, *outside_);
+  if (!section.empty() && section[0] == kDescribed)
+    described_.of(message, *outside_);
+  else
+    sensors_.of(message, *outside_);
 }
 
 const SessionFrame& Session::push(Bytes data) {
   const Message message = read_message(data);
   SessionFrame frame = decode(message);
-  if (const std::optional<Bytes> lattice = message.find(SectionType::Lattice))
-    frame.planes = in_own_columns(frame.planes, *lattice, *outside_);
+  const std::optional<Bytes> lattice = message.planes ? std::nullopt : message.find(SectionType::Lattice);
+  if (lattice) frame.planes = in_own_columns(frame.planes, *lattice, *outside_);
   frame_ = std::move(frame);
   return frame_;
 }
 
 SessionFrame Session::decode(const Message& message) {
-  check_codec(message.codec, *outside_);
+  check_codec(message, *outside_);
   begin_stream(message);
   if (message.frame_count != 1)
     throw Error(ErrorCode::Section,
                 "a message of " + std::to_string(message.frame_count) + " frames of a codec that sends one each");
   SessionFrame frame;
+  frame.codec = message.codec;
+  frame.stream_id = message.stream_id;
+  frame.index = message.frame_index;
+  frame.stamp_ns = message.stamp_ns;
+  frame.key = message.key;
+  if (message.planes) {
+    frame.images = read_image_frame(message, described_, *outside_);
+    frame.has_intensity = frame.images->plane("intensity") != nullptr;
+  } else {
+    decode_planes_of(message, frame);
+  }
+  frame.pose = decode_pose(message);
+  return frame;
+}
+
+void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
   frame.sensor = sensors_.of(message, *outside_);
   if (message.needs && message.needs != last_)
     throw Error(ErrorCode::Reference,
@@ -107,15 +138,7 @@ SessionFrame Session::decode(const Message& message) {
   else
     masks_.begin(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
   last_ = message.frame_index;
-
-  frame.codec = message.codec;
-  frame.stream_id = message.stream_id;
-  frame.index = message.frame_index;
-  frame.stamp_ns = message.stamp_ns;
-  frame.key = message.key;
   frame.has_intensity = message.has(SectionType::Intensity);
-  frame.pose = decode_pose(message);
-  return frame;
 }
 
 Planes Session::planes_of(const Message& message, const Sensor& sensor) {
@@ -262,7 +285,7 @@ std::string Session::missing_weights(Bytes data) const {
     const Message message = read_message(data);
     if (message.codec != Codec::Riddle) return "";
     const RiddleHead head = riddle_head(split_step(message.section(SectionType::Range)).second);
-    const bool same_stream = of_ == std::pair(message.codec, message.stream_id);
+    const bool same_stream = of_ == std::tuple(message.codec, message.stream_id, message.planes);
     return head.effort == kPlainEffort ? "" : (same_stream ? shelf_ : Shelf()).missing(message, head.name, *outside_);
   } catch (const Error&) {
     return "";  // `push` says what is wrong

@@ -1,13 +1,17 @@
 // Decoder of one stream: bytes of messages in, planes of frames out. The same for every program that embeds the core;
 // what each of them has of its own is given from outside. The format is docs/wire-format.md.
 //
+// Frames of an HDL-64E and of other sensors come out apart: `planes` and `images`.
+//
 // Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Of codecs
 // whose ranges the program reads by itself all else is decoded. Other codecs are refused by name.
 #pragma once
 #include <array>
 #include <memory>
 #include <optional>
+#include <tuple>
 
+#include "frames/image_frame.hpp"
 #include "mask/stream.hpp"
 #include "predictive/coder.hpp"
 #include "session/history.hpp"
@@ -22,8 +26,9 @@ struct SessionFrame {
   std::uint64_t stream_id = 0, index = 0;
   std::int64_t stamp_ns = 0;  // host time of the first packet, since 1970 UTC
   bool key = false;
-  std::shared_ptr<const Sensor> sensor;
-  Planes planes;  // of a thinned frame in its own columns
+  std::shared_ptr<const Sensor> sensor;  // an HDL-64E; nothing if it is another sensor
+  Planes planes;                         // of an HDL-64E; of a thinned frame in its own columns
+  std::optional<ImageFrame> images;      // of another sensor
   bool has_intensity = false;
   std::optional<std::array<double, 12>> pose;  // T_world_sensor, the first three rows
 };
@@ -60,6 +65,7 @@ class Session {
   };
 
   void begin_stream(const Message& message);
+  void decode_planes_of(const Message& message, SessionFrame& frame);
   Planes planes_of(const Message& message, const Sensor& sensor);
   void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
   const std::vector<std::uint16_t>* expected(const Message& message, const Sensor& sensor, const Planes& planes);
@@ -71,8 +77,10 @@ class Session {
   std::unique_ptr<const Outside> outside_;
   SessionFrame frame_;
 
-  std::optional<std::pair<Codec, std::uint64_t>> of_;  // codec and stream of what follows
+  // Codec and stream of what follows, and whether it is of another sensor than an HDL-64E.
+  std::optional<std::tuple<Codec, std::uint64_t, bool>> of_;
   SensorBook sensors_;
+  DescribedSensorBook described_;
   Shelf shelf_;
   MaskMemory masks_;
   std::optional<std::uint64_t> last_;  // index of the frame that was decoded last, if others may need it

@@ -16,19 +16,24 @@ interface Exports {
   lidarcodec_give_weights(stream: number): void;
   lidarcodec_give_picture(stream: number): void;
   lidarcodec_push(stream: number): void;
+  lidarcodec_rows(stream: number): number;
   lidarcodec_width(stream: number): number;
   lidarcodec_azimuth(stream: number): number;
   lidarcodec_range(stream: number): number;
   lidarcodec_intensity(stream: number): number;
+  lidarcodec_sensor_model(stream: number): number;
   lidarcodec_sensor_name(stream: number): number;
   lidarcodec_sensor_hash(stream: number): number;
   lidarcodec_convention(stream: number): number;
   lidarcodec_range_step(stream: number): number;
   lidarcodec_table(stream: number): number;
   lidarcodec_laser(stream: number): number;
+  lidarcodec_rings(stream: number): number;
 }
 
 const TABLE = 11 * ROWS;
+/** Numbers of a ring. */
+const RING = 5;
 const LOWER_LASERS = 32;
 /** Of ErrorCode of native/src/base/error.hpp. */
 const CODES: readonly ErrorCode[] = [
@@ -42,13 +47,26 @@ const CODES: readonly ErrorCode[] = [
   "reference",
 ];
 
-/** Planes of a frame, views that hold until the next call. */
+/** A frame, views that hold until the next call. */
 export interface NativeFrame {
+  readonly rows: number;
   readonly width: number;
   readonly range: Uint16Array;
   readonly azimuth: Uint16Array;
   /** Null where none are sent. */
   readonly intensity: Uint8Array | null;
+}
+
+/** Another sensor than an HDL-64E, with the geometry of each row, fitted to a frame. */
+export interface Rings {
+  readonly name: string;
+  readonly model: string;
+  readonly hash: string;
+  /** Metres of a step of the range image. */
+  readonly rangeStep: number;
+  readonly laser: Uint8Array;
+  /** (rows, 5): rotation, elevation, distance, height, aside; radians and metres. */
+  readonly values: Float64Array;
 }
 
 /** A session of the core. After any error that it throws it is of no more use: make another one. */
@@ -122,17 +140,22 @@ export class NativeStream {
   }
 
   /** Decodes a message. */
-  push(message: Uint8Array): NativeFrame {
+  push(message: Uint8Array): void {
     this.#give(message);
     this.#exports.lidarcodec_push(this.#stream);
+  }
+
+  /** The frame that was pushed. */
+  get frame(): NativeFrame {
     const { memory, ...of } = this.#exports;
-    const width = of.lidarcodec_width(this.#stream);
+    const [rows, width] = [of.lidarcodec_rows(this.#stream), of.lidarcodec_width(this.#stream)];
     const intensity = of.lidarcodec_intensity(this.#stream);
     return {
+      rows,
       width,
-      range: new Uint16Array(memory.buffer, of.lidarcodec_range(this.#stream), ROWS * width),
+      range: new Uint16Array(memory.buffer, of.lidarcodec_range(this.#stream), rows * width),
       azimuth: new Uint16Array(memory.buffer, of.lidarcodec_azimuth(this.#stream), 2 * width),
-      intensity: intensity === 0 ? null : new Uint8Array(memory.buffer, intensity, ROWS * width),
+      intensity: intensity === 0 ? null : new Uint8Array(memory.buffer, intensity, rows * width),
     };
   }
 
@@ -141,10 +164,32 @@ export class NativeStream {
     return this.#text(this.#exports.lidarcodec_sensor_hash(this.#stream));
   }
 
-  /** A copy of that sensor. */
+  get #laser(): Uint8Array {
+    const { memory, ...of } = this.#exports;
+    const rows = of.lidarcodec_rows(this.#stream);
+    return new Uint8Array(memory.buffer, of.lidarcodec_laser(this.#stream), rows).slice();
+  }
+
+  /** A copy of that sensor, if it is another than an HDL-64E; else null. */
+  get rings(): Rings | null {
+    const of = this.#exports;
+    const at = of.lidarcodec_rings(this.#stream);
+    if (at === 0) return null;
+    const laser = this.#laser;
+    return {
+      name: this.#text(of.lidarcodec_sensor_name(this.#stream)),
+      model: this.#text(of.lidarcodec_sensor_model(this.#stream)),
+      hash: this.sensorHash,
+      rangeStep: of.lidarcodec_range_step(this.#stream) / 10_000_000,
+      laser,
+      values: new Float64Array(of.memory.buffer, at, laser.length * RING).slice(),
+    };
+  }
+
+  /** A copy of that sensor, if it is an HDL-64E. */
   get sensor(): Sensor {
     const { memory, ...of } = this.#exports;
-    const laser = new Uint8Array(memory.buffer, of.lidarcodec_laser(this.#stream), ROWS).slice();
+    const laser = this.#laser;
     return {
       name: this.#text(of.lidarcodec_sensor_name(this.#stream)),
       hash: this.sensorHash,

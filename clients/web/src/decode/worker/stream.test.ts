@@ -8,7 +8,14 @@ import { DecodeError } from "../../../../typescript/src/errors.js";
 import { sha256 } from "../../../../typescript/src/sha256.js";
 import { zstdReady } from "../../../../typescript/src/zstd.js";
 import { numbers } from "../../../../typescript/test/numbers.js";
-import { digest, type Expected, type Vector, vectors } from "../../../../typescript/test/vectors.js";
+import {
+  digest,
+  type Expected,
+  type ExpectedOther,
+  otherVectors,
+  type Vector,
+  vectors,
+} from "../../../../typescript/test/vectors.js";
 import { parseFrame } from "../../view/stream/frame";
 import { sensorTable } from "../../view/stream/sensor";
 import { DECODED_HERE } from "../index";
@@ -61,6 +68,36 @@ function check({ data, sensor }: Decoded, expected: Expected): void {
   expect(frame.pose && [...frame.pose]).toEqual(expected.pose);
 }
 
+/** As the server shows the same frame. */
+function checkOther({ data, sensor }: Decoded, expected: ExpectedOther): void {
+  expect([sensor.name, sensor.hash, sensor.model]).toEqual([expected.sensor[0], expected.sensor[1], expected.model]);
+  const { rows, width, shown } = expected;
+  expect(sensorTable(sensor).rings).toBe(rows);
+  expect(sensor.range_step_m).toBeCloseTo(shown.range_step_m, 12);
+  const frame = parseFrame(data);
+  expect([frame.rings, frame.columns, frame.index]).toEqual([rows, width, Number(expected.index)]);
+  expect(frame.returns).toBe(expected.returns);
+  expect(digest(frame.range)).toBe(shown.range);
+  expect(digest(frame.azimuth.subarray(0, width))).toBe(expected.azimuth);
+  expect(frame.azimuth.subarray(width)).toEqual(frame.azimuth.subarray(0, width));
+  expect(digest(frame.intensity ?? new Uint8Array(rows * width))).toBe(shown.intensity);
+  expect(frame.pose && [...frame.pose]).toEqual(expected.pose);
+}
+
+/** The geometry of the first, middle and last ring, which is fitted to the first frame. */
+function checkRings({ sensor }: Decoded, { rows, shown }: ExpectedOther): void {
+  for (const [i, ring] of [0, rows >> 1, rows - 1].entries()) {
+    const found = [
+      sensor.rot_correction_rad[ring],
+      sensor.vert_correction_rad[ring],
+      sensor.dist_correction_m[ring],
+      sensor.vert_offset_m[ring],
+      sensor.horiz_offset_m[ring],
+    ];
+    for (const [at, value] of found.entries()) expect(value).toBeCloseTo(shown.rings?.[i]?.[at] as number, 6);
+  }
+}
+
 /** With returns made up between the columns of a thinned frame, as the server makes them up; others as they are. */
 function checkFilled(decoded: Decoded, expected: Expected): void {
   const frame = parseFrame(decoded.data);
@@ -76,6 +113,25 @@ describe("messages of every codec that is decoded here", () => {
     const one = decoder();
     for (const [i, message] of messages.entries()) check(await one.decode(message), expected[i]);
     expect(fetched.length).toBeLessThan(2); // weights are asked for once
+  });
+
+  it.each(otherVectors(/./))("$name of another sensor", async ({ messages, expected }) => {
+    const one = decoder();
+    for (const [i, message] of messages.entries()) {
+      const decoded = await one.decode(message);
+      checkOther(decoded, expected[i] as ExpectedOther);
+      if (i === 0) checkRings(decoded, expected[i] as ExpectedOther);
+    }
+  });
+
+  it("returns of other sensors are made up between columns, too", async () => {
+    const [{ messages, expected }] = otherVectors(/os1-128/) as [Vector<ExpectedOther>];
+    const one = decoder();
+    for (const [i, message] of messages.entries()) {
+      const frame = parseFrame((await one.decode(message, true)).data);
+      expect(frame.returns).toBe(expected[i]?.returns);
+      expect(frame.madeUp).toBeGreaterThan(frame.returns);
+    }
   });
 
   it.each(ALL.map(({ name }) => name).filter((name) => name.endsWith("thinned")))(
@@ -183,6 +239,25 @@ describe("what is lost or hostile", () => {
       expect(refused).toBeGreaterThan(60);
     },
     120_000,
+  );
+
+  it.each(["predictive_os0-32", "zstd_os1-128", "raw_vlp16"])(
+    "mutated messages of %s of another sensor, too",
+    async (name) => {
+      const [{ messages, expected }] = otherVectors(new RegExp(name)) as [Vector<ExpectedOther>];
+      const random = numbers(20261126);
+      const one = decoder();
+      let refused = 0;
+      for (let i = 0; i < 100; i++) {
+        const hostile = changed(messages[random(messages.length)] as Uint8Array, (bytes) => {
+          for (let times = 1 + random(3); times > 0; times--)
+            bytes[56 + random(bytes.length - 60)] = random(2) ? random(256) : 0xff;
+        });
+        refused += (await failure(one, hostile)) === "" ? 0 : 1;
+        if (i % 15 === 0) checkOther(await one.decode(messages[0] as Uint8Array), expected[0] as ExpectedOther);
+      }
+      expect(refused).toBeGreaterThan(5);
+    },
   );
 
   it("a message that is cut is an error", async () => {

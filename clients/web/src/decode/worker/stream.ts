@@ -6,7 +6,7 @@ import { latticeOf } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
 import { readPose } from "../../../../typescript/src/pose.js";
-import { factsOf, packImage, type SensorFacts } from "./image.js";
+import { factsOf, factsOfRings, packImage, type SensorFacts } from "./image.js";
 import { NativeStream } from "./native.js";
 import { readPng } from "./png.js";
 
@@ -30,6 +30,7 @@ export class StreamDecoder {
   /** The stream's calibration, for the module that follows one that failed. */
   #calibration: Uint8Array | null = null;
   #facts: SensorFacts | null = null;
+  #fitted = false;
 
   constructor(module: WebAssembly.Module, fetched: (name: string) => Promise<Uint8Array | null>, now: () => number) {
     this.#module = module;
@@ -44,10 +45,10 @@ export class StreamDecoder {
     const message = readMessage(data);
     const { codec, streamId, index, needs } = message;
     if (!(codec in DECODES)) throw new DecodeError("version", `codec ${codec} is not decoded here`);
-    if (this.#of !== `${codec} ${streamId}`) {
+    if (this.#of !== `${codec} ${streamId} ${message.planes}`) {
       this.#forget();
       this.#calibration = null;
-      this.#of = `${codec} ${streamId}`;
+      this.#of = `${codec} ${streamId} ${message.planes}`;
     }
     if (needs !== null && needs !== this.#last)
       throw new DecodeError("reference", `frame ${index} needs frame ${needs}: ask for a key message`);
@@ -71,16 +72,28 @@ export class StreamDecoder {
     const native = this.#begun();
     await this.#bringWeights(native, data);
     if (message.codec === Codec.png) await givePicture(native, message);
-    const { width, range, azimuth, intensity } = native.push(data);
-    if (this.#facts?.hash !== native.sensorHash || message.key) this.#facts = factsOf(native.sensor);
+    native.push(data);
+    const sensor = this.#sensor(native, message);
+    const { rows, width, range, azimuth, intensity } = native.frame;
     const calibration = message.section(Section.CALIBRATION);
     if (calibration && calibration[0] > 0) this.#calibration = calibration.slice();
     const lattice = fill ? latticeOf(message) : null;
     const { streamId, index, stampNs, codec } = message;
-    const rangeStep = this.#facts.range_step_m;
+    const rangeStep = sensor.range_step_m;
     const made = lattice && filled(range, intensity, lattice)[0];
-    const image = { streamId, index, stampNs, codec, width, range, azimuth, intensity, filled: made, rangeStep };
-    return { data: packImage({ ...image, pose: poseOf(message) }, this.#now()), sensor: this.#facts };
+    const image = { streamId, index, stampNs, codec, rows, width, range, azimuth, intensity, filled: made, rangeStep };
+    return { data: packImage({ ...image, pose: poseOf(message) }, this.#now()), sensor };
+  }
+
+  /** What viewers know of the sensor of the frame that was pushed. The geometry of other sensors than an HDL-64E is fitted to
+   * the first frame that has columns. */
+  #sensor(native: NativeStream, message: Message): SensorFacts {
+    const known = this.#facts?.hash === native.sensorHash ? this.#facts : null;
+    if (known && (message.planes ? this.#fitted : !message.key)) return known;
+    const rings = message.planes ? native.rings : null;
+    this.#facts = rings ? factsOfRings(rings) : factsOf(native.sensor);
+    this.#fitted = message.width > 0;
+    return this.#facts;
   }
 
   #begun(): NativeStream {

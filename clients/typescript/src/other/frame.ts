@@ -1,0 +1,59 @@
+/** Messages of other sensors than an HDL-64E to frames: planes, and the numbers of their packets. */
+
+import { damaged } from "../errors.js";
+import type { Frame } from "../decoder.js";
+import { latticeOf, widened } from "../lattice.js";
+import { type Message, Section, needed } from "../message.js";
+import { readPose } from "../pose.js";
+import type { SensorBook } from "../sensor.js";
+import type { DescribedSensor } from "./calibration.js";
+import { MOST_NUMBERS, type Plane, readPlaneSection } from "./planes.js";
+import { type Rest, readRest } from "./rest.js";
+
+/** A frame as the sensor saw it: planes of `rows` rows, the highest beam first, and W columns, row after row. */
+export interface ImageFrame {
+  readonly streamId: bigint;
+  readonly index: bigint;
+  /** Host time of the first packet, ns since 1970 UTC. */
+  readonly stampNs: bigint;
+  readonly codec: number;
+  readonly sensor: DescribedSensor;
+  readonly rows: number;
+  readonly width: number;
+  /** The first is `range`, in range steps, 0 = no return; none if all packets are odd. */
+  readonly planes: readonly Plane[];
+  /** First returns. */
+  readonly returns: number;
+  readonly rest: Rest;
+  /** The columns that were sent where the frame was thinned to some, ascending; else null. */
+  readonly lattice: Uint16Array | null;
+  /** T_world_sensor at the stamp, the first three rows; null where the vehicle does not know it. */
+  readonly pose: Float64Array | null;
+}
+
+/** Whether a frame is of another sensor than an HDL-64E. */
+export function isImageFrame(frame: Frame | ImageFrame): frame is ImageFrame {
+  return "planes" in frame;
+}
+
+export function readImageFrame(message: Message, sensors: SensorBook<DescribedSensor>): ImageFrame {
+  const { streamId, index, stampNs, codec, width } = message;
+  if (message.needs !== null) throw damaged("a message of planes that refers to another");
+  const sensor = sensors.of(message);
+  const rest = readRest(needed(message, Section.REST, "the rest of packets"), message.packets);
+  const lattice = latticeOf(message);
+  if (lattice && lattice.width !== width) throw damaged(`a lattice in ${lattice.width} columns of a frame of ${width}`);
+  const section = message.section(Section.PLANES);
+  if (section === null && (width > 0 || rest.layout !== "")) throw damaged(`a frame of ${width} columns without planes`);
+  const found = section && readPlaneSection(section, lattice ? lattice.columns.length : width);
+  if (found && found.rows !== sensor.rows) throw damaged(`planes of ${found.rows} rows of a sensor with ${sensor.rows}`);
+  let planes: Plane[] = found ? found.planes : [];
+  if (lattice) {
+    if (sensor.rows * width * planes.length > MOST_NUMBERS) throw damaged("a thinned frame of too many numbers");
+    planes = planes.map((plane) => ({ ...plane, values: widened(plane.values, sensor.rows, lattice) }));
+  }
+  const returns = planes.length ? planes[0]!.values.reduce((sum, range) => sum + (range > 0 ? 1 : 0), 0) : 0;
+  const columns = lattice && lattice.columns;
+  const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width, planes, returns, rest };
+  return { ...frame, lattice: columns, pose: readPose(message) };
+}

@@ -1,0 +1,30 @@
+// The PLANES section (docs/wire-format-other-sensors.md): all images of a frame of another sensor than an HDL-64E; in
+// Python lidarcodec/planes/plane_section.py.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "images/forms.hpp"
+#include "session/outside.hpp"
+
+namespace lidarcodec {
+
+// (H, W) numbers of `bits` bits. of: of an attribute, the place in the list of the range plane that it describes.
+struct NamedPlane {
+  std::string name;
+  PlaneRole role = PlaneRole::Range;
+  std::uint32_t bits = 16;
+  std::size_t of = 0;
+  PlaneImage values;
+};
+
+struct PlaneSection {
+  std::size_t rows = 0;
+  std::vector<NamedPlane> planes;  // the first is `range`
+};
+
+// The planes of a section, `columns` wide. Raises Section or Truncated, before it takes more memory than the largest
+// frame needs.
+PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside& outside);
+
+}  // namespace lidarcodec
