@@ -42,6 +42,7 @@ BUDGETS: Final[dict[str, Budget]] = {
     "compressed": Budget("captures and scans in `.xz`, `.gz`, `.zst`", None, 320, 10),
     "mcap": Budget("recordings and bags in `.mcap`", None, 512, 20),
     "database": Budget("bags in `.db3`", None, 384, 10),
+    "rosbag1": Budget("bags of ROS 1 in `.bag`", None, 512, 20),
     "bag": Budget("`metadata.yaml` of a bag", 1, 128, 10),
     "scan": Budget("KITTI scans `.bin`", 16, 192, 2),
     "stamps": Budget("KITTI `timestamps*.txt`, `times.txt`", 16, 320, 10),

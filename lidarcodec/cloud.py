@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import CalibrationError, SectionError
 from lidarcodec.other_cloud import other_cloud_of
+from lidarcodec.sensors.clouds.points import cloud_points
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS, LASERS_PER_BLOCK
 
@@ -54,6 +55,8 @@ def cloud_of(frame: Frame, returns: Literal["first", "all"] = "first") -> npt.ND
 
     (N,) CLOUD_DTYPE or BOTH_DTYPE of an HDL-64E; see `other_cloud` for other sensors.
     """
+    if frame.sensor.is_cloud:
+        return cloud_points(frame, both=returns == "all")
     if not frame.sensor.is_hdl64e:
         return other_cloud_of(frame, both=returns == "all")
     first = _first_cloud(frame)

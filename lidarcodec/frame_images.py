@@ -48,8 +48,8 @@ def images_of(frame: Frame, layout: PacketLayout) -> Images:
 
 
 def odd_count(frame: Frame) -> int:
-    """Number of odd packets of a frame."""
-    return len(frame.side.odd) if isinstance(frame.side, PacketRest) else 0
+    """Number of odd packets of a frame. The message of a point cloud is none."""
+    return len(frame.side.odd) if isinstance(frame.side, PacketRest) and not frame.sensor.is_cloud else 0
 
 
 def payload_bytes(frame: Frame) -> int:

@@ -1,16 +1,32 @@
-"""Makes a frame of the planes of another sensor than an HDL-64E, and the rest of its packets."""
+"""Makes frames of other sensors than an HDL-64E: of planes and the rest of their packets, or of a point cloud.
+
+A frame of a point cloud is one `sensor_msgs/PointCloud2` message, and its images are a view of it. The message is the
+frame's only packet, and travels as one (`PacketRest.odd_packets`). Range, intensity and azimuth are made from its
+points, for viewers and measures; nothing is computed back from them.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, Final
 
-from lidarcodec.errors import SectionError
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import INTENSITY, RANGE
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.clouds.grid import Grid
+from lidarcodec.sensors.clouds.message import CloudMessage, read_message
+from lidarcodec.sensors.clouds.values import intensity_of
+from lidarcodec.sensors.clouds.view import View, view_of
 from lidarcodec.sensors.images import Images, Unsigned, check_series
 from lidarcodec.sensors.models.table import sensor_of
+from lidarcodec.side import Position
+from lidarcodec.units import AZIMUTH_TURN
+
+MOST_STEPS: Final = (1 << 20) - 1
 
 
 def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: PacketRest, sensor: SensorModel) -> Frame:
@@ -43,3 +59,67 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
         rest,
         planes=planes,
     )
+
+
+def cloud_frame(
+    index: int,
+    stamp_ns: int,
+    payload: bytes,
+    sensor: SensorModel,
+    positions: tuple[Position, ...] = (),
+    grid: Grid | None = None,
+) -> Frame:
+    """The frame of a message. What is no PointCloud2, or has no x, y and z, has images without columns.
+
+    grid: of its points, if it is known; else it is found
+    """
+    rest = PacketRest("", np.zeros(1, np.int64), np.zeros(1, np.uint16), (payload,), {}, positions)
+    try:
+        message: CloudMessage | None = read_message(payload)
+    except DecodeError:
+        message = None
+    view = None if message is None else view_of(message, sensor.rows, grid)
+    if message is None or view is None:
+        nothing = np.zeros((sensor.rows, 0), np.uint32)
+        azimuth = np.zeros(0, np.uint16)
+        intensity = np.zeros((sensor.rows, 0), np.uint8)
+        return _frame(index, stamp_ns, nothing, intensity, azimuth, sensor, rest)
+    ranges = view.image(_ranges(message, sensor.range_step_m), np.uint32)
+    levels = intensity_of(message)
+    intensity = view.image(levels, levels.dtype)
+    return _frame(index, stamp_ns, ranges, intensity, _azimuths(message, view), sensor, rest)
+
+
+def _frame(
+    index: int,
+    stamp_ns: int,
+    ranges: npt.NDArray[np.uint32],
+    intensity: npt.NDArray[Any],
+    azimuth: npt.NDArray[np.uint16],
+    sensor: SensorModel,
+    rest: PacketRest,
+) -> Frame:
+    fired = np.ones((2, len(azimuth)), np.bool_)
+    return Frame(index, stamp_ns, ranges, intensity, np.stack((azimuth, azimuth)), fired, sensor, rest)
+
+
+def _ranges(message: CloudMessage, step_m: float) -> npt.NDArray[np.uint32]:
+    """(N,) distance of each point from the origin, in steps; 0 without a return, else at least 1."""
+    assert message.xyz is not None
+    x, y, z = np.where(message.returns, message.xyz, 0.0)
+    steps = np.clip(np.rint(np.sqrt(x * x + y * y + z * z) / step_m), 1, MOST_STEPS)
+    return np.where(message.returns, steps, 0).astype(np.uint32)
+
+
+def _azimuths(message: CloudMessage, view: View) -> npt.NDArray[np.uint16]:
+    """(W,) mean direction of the points of each column, 0.01 degree, clockwise seen from above; 0 is along x."""
+    assert message.xyz is not None
+    shown = view.shown & message.returns
+    x, y, _ = message.xyz[:, shown]
+    column = view.column[shown]
+    far = np.maximum(np.hypot(x, y), 1e-9)
+    x, y = (np.bincount(column, axis / far, view.columns) for axis in (x, y))
+    steps = np.rint(np.degrees(np.arctan2(-y, x)) * 100).astype(np.int64) % AZIMUTH_TURN
+    last = np.maximum.accumulate(np.where((x != 0) | (y != 0), np.arange(view.columns), 0))
+    found: npt.NDArray[np.uint16] = steps[last].astype(np.uint16)
+    return found

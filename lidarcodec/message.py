@@ -27,6 +27,7 @@ class SectionType(IntEnum):
     POSITION = 13
     PLANES = 14
     REST = 15
+    CLOUD = 16
 
 
 class Section(NamedTuple):

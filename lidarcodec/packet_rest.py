@@ -14,7 +14,8 @@ from lidarcodec.side import Position, check_positions
 from lidarcodec.units import MAX_PACKETS
 
 MAX_ODD_BYTES: Final = 65_507
-"""Most bytes of one packet: the largest payload of UDP over IPv4."""
+"""Most bytes of one packet: the largest payload of UDP over IPv4. A message of a point cloud, the only packet of its
+frame, may have MAX_ODD_TOTAL."""
 MAX_ODD_TOTAL: Final = 32 * 2**20
 """Most bytes of all odd packets of a frame."""
 MAX_SERIES: Final = 64
@@ -49,7 +50,8 @@ class PacketRest:
         if len(odd) and (int(odd[-1]) >= packets or not np.all(odd[1:] > odd[:-1])):
             raise SectionError(f"odd packets at places that are not ascending, or beyond the {packets} of the frame")
         total = sum(map(len, self.odd_packets))
-        if total > MAX_ODD_TOTAL or any(len(one) > MAX_ODD_BYTES for one in self.odd_packets):
+        longest = max(map(len, self.odd_packets), default=0)
+        if total > MAX_ODD_TOTAL or (longest > MAX_ODD_BYTES and packets > 1):
             raise SectionError(
                 f"odd packets of {total} bytes: the limits are {MAX_ODD_BYTES} each and {MAX_ODD_TOTAL} together"
             )

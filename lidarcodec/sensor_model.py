@@ -22,6 +22,7 @@ LENGTH_UNIT_M = 1e-7
 SLOPE_UNIT = 1e-6
 MAX_LASERS = 128
 HDL64E = "hdl64e"
+POINTCLOUD2 = "pointcloud2"
 
 Convention = Literal["ros", "veloview"]
 Origin = Literal["given", "beside", "stream", "generic", "message", "simulated"]
@@ -116,6 +117,11 @@ class SensorModel:
     def is_hdl64e(self) -> bool:
         """Whether it is an HDL-64E, which all codecs and reducers take."""
         return self.model == HDL64E
+
+    @property
+    def is_cloud(self) -> bool:
+        """Whether its packets are point clouds, `sensor_msgs/PointCloud2` messages."""
+        return self.model == POINTCLOUD2
 
     def only_hdl64e(self, what: str) -> None:
         """Raise SettingsError if it is another sensor. what: that takes only an HDL-64E, such as `annotate`"""

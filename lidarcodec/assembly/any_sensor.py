@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
-from lidarcodec.image_frame import image_frame
+from lidarcodec.image_frame import cloud_frame, image_frame
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.images import MAX_CELLS, Images, PacketLayout, Sensor
@@ -41,6 +41,8 @@ def frame_of_packets(
     sensor: SensorModel,
 ) -> Frame:
     """The frame of these packets, at least one. stamps_ns: (P,) host time of each."""
+    if sensor.is_cloud and len(payloads) == 1:
+        return cloud_frame(index, int(stamps_ns[0]), payloads[0], sensor, positions)
     family = sensor_of(sensor)
     regular = None if family is None else _regular(payloads, family)
     begin_ns = int(stamps_ns[0])

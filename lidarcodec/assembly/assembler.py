@@ -14,7 +14,7 @@ from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import odd_count
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
-from lidarcodec.packet_rest import MAX_ODD_BYTES
+from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.settings import settings_from
@@ -67,12 +67,14 @@ class Assembler:
         self._frame_packets = settings_from({"framing": self._framing}).frame_packets
         if self._framing == "packets" and not sensor.is_hdl64e:
             self._frame_packets = None  # a turn: how many packets it has is each sensor's own
+        if sensor.is_cloud:
+            self._frame_packets = 1
 
     def push(self, packet: Packet) -> Frame | None:
         """Take one packet; returns the frame that it completed, if any. A position packet completes none.
 
         Raises PacketError, and changes nothing, when the payload of a data packet is not 1206 bytes (HDL-64E), or is
-        longer than UDP allows (other sensors).
+        longer than UDP allows (other sensors), or than 32 MiB (point clouds, of which each message is a frame).
         """
         if packet.position:
             self._push_position(packet)
@@ -178,8 +180,10 @@ class Assembler:
     def _check_size(self, size: int) -> None:
         if self._turns is None and size != PACKET_BYTES:
             raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {size}")
-        if size > MAX_ODD_BYTES:
+        if size > MAX_ODD_BYTES and not self.sensor.is_cloud:
             raise PacketError(f"a payload of {size} bytes: UDP ends at {MAX_ODD_BYTES}")
+        if size > MAX_ODD_TOTAL:
+            raise PacketError(f"a message of {size} bytes: the limit is {MAX_ODD_TOTAL}")
 
     def _push_position(self, packet: Packet) -> None:
         """Keep a position packet for the frame in progress; count it if there is no room."""

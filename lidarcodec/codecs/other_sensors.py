@@ -21,16 +21,18 @@ from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
 from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
-from lidarcodec.image_frame import image_frame
+from lidarcodec.image_frame import cloud_frame, image_frame
 from lidarcodec.lattice import Columns, Lattice
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.motion import is_rigid
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.attribute_values import AttributeQuality, reduced
+from lidarcodec.planes.clouds.section import decode_cloud, encode_cloud
 from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
 from lidarcodec.planes.sections import pose_sections, position_sections
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.sensors.images import PacketLayout, Plane, Unsigned
 from lidarcodec.settings import AUTO, StreamSettings, step_of
 from lidarcodec.thinned_stream import lattice_bytes, read_lattice
@@ -73,6 +75,8 @@ def check_for(sensor: SensorModel, settings: StreamSettings) -> StreamSettings:
 
     Raises SettingsError with the field and what to do.
     """
+    if sensor.is_cloud and settings.intensity == "off":
+        raise SettingsError("the fields of a point cloud travel as they are: leave intensity=off out", "intensity")
     return settings if sensor.is_hdl64e else check_other(settings)
 
 
@@ -109,6 +113,8 @@ class PlaneContent:
         rest = frame.side
         if not isinstance(rest, PacketRest):
             raise SectionError("a frame of this sensor without its packets' series cannot be sent")
+        if frame.sensor.is_cloud:
+            return Coded(self._cloud(frame, rest) + position_sections(frame) + pose_sections(frame), None)
         sections = [Section(SectionType.REST, encode_rest(rest))]
         found = layout_of(frame)
         if found is not None:
@@ -116,6 +122,16 @@ class PlaneContent:
         if frame.lattice is not None:
             sections.append(Section(SectionType.LATTICE, lattice_bytes(Lattice(frame.width, frame.lattice))))
         return Coded(sections + position_sections(frame) + pose_sections(frame), None)
+
+    def _cloud(self, frame: Frame, rest: PacketRest) -> list[Section]:
+        """The message of a frame of a point cloud. Its REST section has nothing but the host time.
+
+        Raises SettingsError for settings that would leave fields out.
+        """
+        check_for(frame.sensor, self._settings.stream)
+        cloud = encode_cloud(payload_of(frame), self._kind, self._settings.stream.max_error_m)
+        without = PacketRest("", rest.packet_ns, np.zeros(0, np.uint16), ())
+        return [Section(SectionType.REST, encode_rest(without)), Section(SectionType.CLOUD, cloud)]
 
     def _planes(self, frame: Frame, layout: PacketLayout) -> bytes:
         stream = self._settings.stream
@@ -183,6 +199,15 @@ class PlaneDecoder:
         if message.has(SectionType.POSITION):
             coded = message.section(SectionType.POSITION)
             rest = rest.with_positions(decode_positions(coded, message.packets))
+        pose = _pose_of(message)
+        if sensor.is_cloud:
+            if message.packets != 1 or rest.layout or rest.odd_packets:
+                raise SectionError(f"a point cloud of {message.packets} packets, not of one message")
+            cloud = decode_cloud(message.section(SectionType.CLOUD))
+            found = cloud_frame(
+                message.frame_index, message.stamp_ns, cloud.payload, sensor, rest.positions, cloud.grid
+            )
+            return [found if pose is None else found.with_(pose=pose)]
         planes = {}
         columns = lattice_of(message)
         if message.has(SectionType.PLANES):
@@ -195,7 +220,7 @@ class PlaneDecoder:
         elif message.width or rest.layout:
             raise SectionError(f"a message of {message.width} columns without planes")
         frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
-        return [frame.with_(pose=_pose_of(message), lattice=columns)]
+        return [frame.with_(pose=pose, lattice=columns)]
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""

@@ -1,4 +1,5 @@
-"""Output formats of `decode`: packets (.pcap), images (.npz), points (.ply, .las), or a folder of KITTI .bin files.
+"""Output formats of `decode`: packets (.pcap), clouds as messages of ROS 2 (.mcap), images (.npz), points (.ply, .las),
+or a folder of KITTI .bin files.
 
 All of them write frame by frame, so a long recording needs no more memory than a short one.
 """
@@ -20,7 +21,10 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.errors import MissingExtraError, SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.frame import Frame
+from lidarcodec.recording import RosbagWriter
+from lidarcodec.recording.rosbag import CLOUDS_TOPIC
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
+from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.side import SideInfo
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
@@ -47,6 +51,8 @@ class PcapOutput:
         self._writer = PcapWriter(self._handle)
 
     def write(self, frame: Frame) -> None:
+        if frame.sensor.is_cloud:
+            raise SettingsError("a capture cannot hold point clouds: write .mcap, .npz, .ply or .las")
         for packet in packets_of(frame):
             self._writer.write(packet)
 
@@ -57,7 +63,7 @@ class PcapOutput:
 class NpzOutput:
     """Images with the sensor's integers, one folder for each frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`,
     `/index`, `/stamp_ns`, `/column_ns` (HDL-64E), further planes by name (other sensors), and `/calibration`, the HASH
-    of the table `calibration/HASH`."""
+    of the table `calibration/HASH`. A point cloud that came as a message also has `/points`, and `/message`, its bytes."""
 
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
@@ -90,6 +96,8 @@ class NpzOutput:
         if isinstance(frame.side, SideInfo):
             parts["column_ns"] = frame.side.column_ns
         parts |= frame.planes
+        if frame.sensor.is_cloud:
+            parts |= {"points": frame.cloud(), "message": np.frombuffer(payload_of(frame), np.uint8)}
         for name, array in parts.items():
             self._add(f"{self._count:06d}/{name}", array)
         self._count += 1
@@ -215,8 +223,27 @@ class KittiOutput:
         (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
 
 
+class BagOutput:
+    """A bag of ROS 2 with a `sensor_msgs/PointCloud2` a frame: the very message where the frame was one."""
+
+    def __init__(self, path: Path) -> None:
+        self._handle = path.open("wb")
+        self._writer = RosbagWriter(self._handle, points_topic=CLOUDS_TOPIC)
+
+    def write(self, frame: Frame) -> None:
+        if frame.sensor.is_cloud:
+            self._writer.write_message(frame.stamp_ns, payload_of(frame))
+        else:
+            self._writer.write_cloud(frame)
+
+    def close(self) -> None:
+        self._writer.close()
+        self._handle.close()
+
+
 OUTPUTS: Final[dict[str, Callable[[Path], Output]]] = {
     ".pcap": PcapOutput,
+    ".mcap": BagOutput,
     ".npz": NpzOutput,
     ".ply": PlyOutput,
     ".las": LasOutput,
@@ -234,7 +261,7 @@ def check_output(path: Path, *, force: bool = False) -> None:
     suffix = _suffix(path)
     if suffix not in OUTPUTS:
         raise SettingsError(
-            f"cannot write {path}: its name must end in .pcap .npz .ply or .las, or be a folder for KITTI .bin files"
+            f"cannot write {path}: its name must end in .pcap .mcap .npz .ply or .las, or be a folder for KITTI scans"
         )
     if suffix == ".las" and find_spec("laspy") is None:
         raise MissingExtraError(f"writing {path}", "las")

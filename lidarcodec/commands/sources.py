@@ -5,24 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 from lidarcodec.errors import SettingsError
-from lidarcodec.sources.spec import parse
+from lidarcodec.sources.spec import LIVE, parse
 
 
 def is_endless(spec: str) -> bool:
     """Whether this source has no end: a socket, or a simulated drive without a length."""
     parsed = parse(spec)
-    return parsed.scheme == "udp" or (parsed.scheme == "sim" and "frames" not in parsed.options)
+    return parsed.scheme in LIVE or (parsed.scheme == "sim" and "frames" not in parsed.options)
 
 
 def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
     """Raise SettingsError if this source has no end. Live sources are checked only with `live_too`."""
-    if frames is None and is_endless(spec) and (live_too or parse(spec).scheme != "udp"):
+    if frames is None and is_endless(spec) and (live_too or parse(spec).scheme not in LIVE):
         raise SettingsError(f"{spec} has no end: set its length with --frames N", "frames")
 
 
 def check_recorded(spec: str) -> None:
     """Raise SettingsError if this source is live, because its packets cannot be read again."""
-    if parse(spec).scheme == "udp":
+    if parse(spec).scheme in LIVE:
         raise SettingsError(
             f"{spec} is live and cannot be read again: give the capture from which the recording was made"
         )

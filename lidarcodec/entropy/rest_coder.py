@@ -56,7 +56,7 @@ def encode_rest(rest: PacketRest, *, host_step_ns: int = _HOST_STEP_NS) -> bytes
     out = bytearray()
     _put_name(out, rest.layout)
     put_varint(out, host_step_ns)
-    _put_line(out, (rest.packet_ns + host_step_ns // 2) // host_step_ns)
+    put_line(out, (rest.packet_ns + host_step_ns // 2) // host_step_ns)
     put_varint(out, len(rest.series))
     if sum(map(len, rest.series.values())) > MAX_SERIES_NUMBERS:
         raise SectionError(f"series of more than {MAX_SERIES_NUMBERS} numbers in a frame")
@@ -79,7 +79,7 @@ def decode_rest(data: bytes, packets: int) -> PacketRest:
     reader = VarintReader(data)
     layout = _name(reader)
     host_step_ns = reader.varint(1_000_000_000, least=1)
-    host = _line(reader, packets)
+    host = read_line(reader, packets)
     if packets and not -_WIDEST < int(host.min()) * host_step_ns <= int(host.max()) * host_step_ns < _WIDEST:
         raise SectionError("host times of a frame's packets more than 36 years apart")
     found: dict[str, npt.NDArray[np.unsignedinteger]] = {}
@@ -111,7 +111,7 @@ def _name(reader: VarintReader) -> str:
     return data.decode()
 
 
-def _put_line(out: bytearray, values: Series) -> None:
+def put_line(out: bytearray, values: Series) -> None:
     """(N,) int64 as a form, a line and what is left over."""
     fit = fast.best_form(values)
     numbers = fast.encode_signed((fit.left,))
@@ -122,7 +122,7 @@ def _put_line(out: bytearray, values: Series) -> None:
     out += numbers
 
 
-def _line(reader: VarintReader, count: int) -> Series:
+def read_line(reader: VarintReader, count: int) -> Series:
     form = reader.byte()
     if form not in Form._value2member_map_:
         raise SectionError(f"a series of unknown form {form}")
@@ -137,7 +137,7 @@ def _put_series(out: bytearray, values: npt.NDArray[np.unsignedinteger]) -> None
     packed = compress(plain, _LEVEL)
     by_line = bytearray()
     if len(values) and int(values.max()) < _WIDEST:
-        _put_line(by_line, values.astype(np.int64))
+        put_line(by_line, values.astype(np.int64))
     if by_line and len(by_line) <= len(packed):
         out.append(_BY_LINE)
         out += by_line
@@ -154,7 +154,7 @@ def _series(reader: VarintReader, dtype: np.dtype[np.unsignedinteger], count: in
         return np.frombuffer(plain, dtype.newbyteorder("<")).astype(dtype)
     if kind != _BY_LINE:
         raise SectionError(f"a series of unknown kind {kind}")
-    values = _line(reader, count)
+    values = read_line(reader, count)
     if count and not 0 <= int(values.min()) <= int(values.max()) <= min(_WIDEST, int(np.iinfo(dtype).max)):
         raise SectionError(f"a series of {dtype} with numbers that do not fit")
     return values.astype(dtype)

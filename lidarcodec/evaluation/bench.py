@@ -21,6 +21,7 @@ import lidarcodec
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import own_settings
+from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
 from lidarcodec.evaluation.metrics import IntensityErrors, RangeErrors, Sizes, times_ms
@@ -40,6 +41,8 @@ from lidarcodec.wire import pack, unpack
 Metrics = Literal["usual", "all"]
 METRICS: Final[tuple[Metrics, ...]] = ("usual", "all")
 FRAMES_AT_10HZ: Final = 10
+ZSTD_LEVEL: Final = 3
+"""Of zstd, with which messages of point clouds are compared."""
 
 
 def bench(
@@ -161,6 +164,7 @@ class _Run:
     left_out: int = 0
     packets: int = 0
     payload_bytes: int = 0
+    zstd_bytes: int = 0
     points: int = 0
     hdl64e: bool = True
     identical: bool = True
@@ -177,6 +181,8 @@ class _Run:
         self.frames += 1
         self.packets += len(payloads)
         self.payload_bytes += sum(map(len, payloads))
+        if frame.sensor.is_cloud:
+            self.zstd_bytes += sum(len(compress(payload, ZSTD_LEVEL)) for payload in payloads)
         self.hdl64e = frame.sensor.is_hdl64e
         self.points += frame.points
         self._encode(partial(self._reduced_and_encoded, frame, payloads))
@@ -225,6 +231,10 @@ class _Run:
             if self.identical:
                 self.identical = b"".join(p.payload for p in data_packets(packets_of(frame))) == b"".join(payloads)
 
+    def _zstd_bits(self) -> float | None:
+        """Bits a point of the messages of point clouds, each in a zstd frame as it is."""
+        return round(self.zstd_bytes * 8 / self.points, 6) if self.points else None
+
     def _kbps(self) -> float:
         """kbit/s at ten turns a second. A turn is 348 packets of an HDL-64E, or one frame of another sensor."""
         if self.hdl64e:
@@ -263,6 +273,7 @@ class _Run:
             "packets_identical": self.identical,
             "encode_ms": times_ms(self.encoding.seconds),
             "decode_ms": times_ms(self.decoding.seconds),
+            **({"zstd_bits_per_point": self._zstd_bits()} if self.zstd_bytes else {}),
             **({} if self.more is None else self.more.result()),
             **({} if self.encoder.learned is None else {"learned": self.encoder.learned}),
         }

@@ -40,6 +40,7 @@ PLANE_OF_SECTION: dict[int, str] = {
     SectionType.POSITION: "side",
     SectionType.REST: "side",
     SectionType.PLANES: "planes",
+    SectionType.CLOUD: "planes",
 }
 
 

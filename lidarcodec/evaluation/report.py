@@ -83,6 +83,8 @@ def text_table(results: Sequence[Result]) -> str:
         f"{first['source']}: {first['frames']} frames, {first['points_per_frame']:,.0f} points a frame, "
         f"calibration {calibration['origin']} {calibration['hash']}; bits per point"
     )
+    if (zstd := first.get("zstd_bits_per_point")) is not None:
+        head += f" (zstd -3 of the messages: {number(zstd, 2)})"
     reduced = any(result["settings"].get("reduction", AUTO) not in (AUTO, "all") for result in results)
     shown = COLUMNS | (_reduced_columns() if reduced else {}) | (_more_columns() if "chamfer_m" in first else {})
     rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]

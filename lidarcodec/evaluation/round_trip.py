@@ -24,7 +24,9 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.planes.attribute_values import AttributeQuality
+from lidarcodec.planes.clouds.section import same_but_near
 from lidarcodec.planes.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
+from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.settings import AUTO, StreamSettings, step_of
 from lidarcodec.side import SideInfo
 from lidarcodec.wire import unpack
@@ -131,6 +133,8 @@ def difference(
     step: quantiser step in the message, None if it has none;  told: quality of intensities according to the message,
     None: as in the settings
     """
+    if sent.sensor.is_cloud:
+        return _cloud_difference(came, sent, settings)
     if came.range.shape != sent.range.shape:
         return f"{came.width} columns instead of {sent.width}"
     if sent.lattice is not None or came.lattice is not None:
@@ -165,6 +169,21 @@ def difference(
     return _range_difference(came, sent, settings, step) or _intensity_difference(
         came, sent, Quality.of(settings) if told is None else told, exact=told is None
     )
+
+
+def _cloud_difference(came: Frame, sent: Frame, settings: StreamSettings) -> str | None:
+    """Of a frame that is a point cloud: all bytes are as they were, or coordinates are within the bound."""
+    same = (
+        came.stamp_ns == sent.stamp_ns
+        and came.sensor.hash == sent.sensor.hash
+        and (came.pose is None if sent.pose is None else np.array_equal(came.pose, sent.pose))  # type: ignore[arg-type]
+    )
+    if not same:
+        return "a different time, pose or sensor"
+    one, other = payload_of(came), payload_of(sent)
+    if one == other or (settings.max_error_m and same_but_near(one, other, settings.max_error_m)):
+        return None
+    return "points that are further off than allowed, or other fields" if settings.max_error_m else "other bytes"
 
 
 def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:

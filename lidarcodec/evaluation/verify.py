@@ -6,6 +6,7 @@ checked against the bound in its own message, not against the settings at the st
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import frames_of
+from lidarcodec.planes.clouds.section import bound_of_cloud
 from lidarcodec.planes.plane_section import read_head
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
@@ -70,6 +72,9 @@ def promise_of(message: Message) -> Promise:
 
 def _promise_of_planes(message: Message) -> Promise:
     """The same for a message of a sensor other than an HDL-64E."""
+    if message.has(SectionType.CLOUD):
+        bound_m = bound_of_cloud(message.section(SectionType.CLOUD))
+        return Promise(2 * math.ceil(bound_m / RANGE_STEP_M - 1e-9) + 1, bound_m == 0)
     if not message.has(SectionType.PLANES):
         return Promise(1, True)
     head = read_head(message.section(SectionType.PLANES))

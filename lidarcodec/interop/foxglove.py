@@ -90,16 +90,28 @@ FRAME_TRANSFORM: Final = Schema("foxglove.FrameTransform", descriptor_set((_TIME
 def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:
     """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order; with marks MARKED_DTYPE.
 
-    The intensity is uint16 if the sensor sends so many bits.
+    The intensity is uint16 if the sensor sends so many bits. A cloud that came as a message has its other fields.
     """
     cloud = frame.cloud()
     points = np.empty(len(cloud), _dtype_of(cloud["intensity"].dtype, marks=marks))
+    further = further_fields(cloud.dtype) if frame.sensor.is_cloud else []
+    if further:
+        points = np.empty(len(cloud), [*points.dtype.descr, *further])
+        for name, _ in further:
+            points[name] = cloud[name]
     if marks:
         points["filled"] = 0 if frame.filled is None else made_up(frame)
     for name in ("x", "y", "z", "intensity", "ring"):
         points[name] = cloud[name]
     points["t_ns"] = np.clip(cloud["t_ns"] - frame.stamp_ns, 0, 2**32 - 1)
     return points
+
+
+def further_fields(dtype: np.dtype[np.void]) -> list[tuple[str, str]]:
+    """Name and type of the fields of a cloud that POINT_DTYPE does not have, as far as Foxglove has their types."""
+    own = {*(POINT_DTYPE.names or ()), "laser", "return_number", "filled"}
+    found = [(name, dtype[name].newbyteorder("<").str) for name in dtype.names or () if name not in own]
+    return [(name, kind) for name, kind in found if kind in _NUMERIC_TYPES]
 
 
 def point_cloud(frame: Frame, frame_id: str, *, marks: bool = False) -> bytes:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy as np
 from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import PacketError, SectionError
 from lidarcodec.packet import Packet
-from lidarcodec.packet_rest import MAX_ODD_BYTES
+from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL
 from lidarcodec.side import Position
 
 MESSAGE_ENCODING: Final = "lidarcodec"
@@ -34,6 +35,8 @@ METADATA_NAME: Final = "lidarcodec"
 MAX_BATCH: Final = 16384
 """Most data packets in a batch: 20 MB."""
 
+ALONE: Final = 0xFFFF
+"""Size of a packet that is the rest of its batch."""
 _COUNT: Final = struct.Struct("<I")
 _STAMP: Final = struct.Struct("<q")
 
@@ -48,20 +51,32 @@ def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
     return f"lidarcodec/v1/{vehicle}/{sensor}/points", f"lidarcodec/v1/{vehicle}/{sensor}/pose"
 
 
+def batches_of(packets: Sequence[Packet]) -> list[Sequence[Packet]]:
+    """The packets as batches: all of them, or, where some are longer than UDP allows, each of these alone."""
+    if not packets:
+        return []
+    long = [number for number, packet in enumerate(packets) if len(packet.payload) > MAX_ODD_BYTES]
+    edges = [0, *(edge for number in long for edge in (number, number + 1)), len(packets)]
+    return [packets[begin:end] for begin, end in pairwise(edges) if begin < end]
+
+
 def pack_batch(packets: Sequence[Packet]) -> bytes:
     """Bytes of a batch of packets: count u32, stamps in ns i64, sizes u16 and payloads of data packets; if there are
-    position packets, then the first packet's stamp i64 and the bytes of a POSITION section.
+    position packets, then the first packet's stamp i64 and the bytes of a POSITION section. A packet that is longer
+    than UDP allows, as the messages of point clouds are, is the only one of its batch and has the size 65,535.
 
-    Raises PacketError for a data packet that is longer than UDP allows, SectionError for no packet or too many.
+    Raises PacketError for such a packet among others, or one of more than 32 MiB, SectionError for none or
+    too many.
     """
     data = [packet for packet in packets if not packet.position]
     if not packets or len(data) > MAX_BATCH:
         raise SectionError(f"a batch of {len(packets)} packets: 1 to {MAX_BATCH} are allowed")
+    most = MAX_ODD_TOTAL if len(packets) == 1 else MAX_ODD_BYTES
     for packet in data:
-        if len(packet.payload) > MAX_ODD_BYTES:
-            raise PacketError(f"a payload of {len(packet.payload)} bytes: the limit is {MAX_ODD_BYTES}")
+        if len(packet.payload) > most:
+            raise PacketError(f"a payload of {len(packet.payload)} bytes: the limit is {most}")
     stamps = np.array([packet.stamp_ns for packet in data], "<i8").tobytes()
-    sizes = np.array([len(packet.payload) for packet in data], "<u2").tobytes()
+    sizes = np.array([min(len(packet.payload), ALONE) for packet in data], "<u2").tobytes()
     packed = _COUNT.pack(len(data)) + stamps + sizes + b"".join(packet.payload for packet in data)
     if len(data) == len(packets):
         return packed
@@ -84,6 +99,8 @@ def unpack_batch(data: bytes) -> list[Packet]:
     at = end = sizes_at + 2 * count
     if count <= MAX_BATCH and at <= len(data):
         sizes = np.frombuffer(data[sizes_at:at], "<u2").astype(np.int64)
+        if count == 1 and int(sizes[0]) == ALONE and MAX_ODD_BYTES < len(data) - at <= MAX_ODD_TOTAL:
+            sizes[0] = len(data) - at
         end += int(sizes.sum())
     if count > MAX_BATCH or len(data) < max(end, _COUNT.size + 1) or end < len(data) <= end + _STAMP.size:
         raise SectionError(f"a batch of {count} packets in {len(data)} bytes")

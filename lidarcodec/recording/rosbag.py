@@ -26,13 +26,15 @@ import lidarcodec
 from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
-from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
+from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import scan_of
 from lidarcodec.packet import Packet
 
 PROFILE: Final = "ros2"
 ENCODING: Final = "cdr"
 PACKETS_TOPIC: Final = "/velodyne_packets"
+CLOUDS_TOPIC: Final = "/points"
+"""Of point clouds that were messages."""
 POINTS_TOPIC: Final = "/velodyne_points"
 TF_TOPIC: Final = "/tf"
 FRAME_ID: Final = "velodyne"
@@ -92,6 +94,13 @@ class RosbagWriter:
             data = tf_message(frame.stamp_ns, WORLD, self.frame_id, frame.pose)
             self._add(TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data)
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
+
+    def write_message(self, stamp_ns: int, payload: bytes) -> None:
+        """Add a `sensor_msgs/PointCloud2` message as it is; one of ROS 1 becomes one of ROS 2, without its number.
+
+        Raises SectionError for what is no PointCloud2, OSError.
+        """
+        self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, cdr_of(payload))
 
     def close(self) -> None:
         """Write index and footer. A second call does nothing. The file itself stays open."""

@@ -23,6 +23,7 @@ from lidarcodec.recording.layout import (
     MESSAGE_ENCODING,
     METADATA_NAME,
     PACKET_ENCODING,
+    batches_of,
     cloud_topics,
     pack_batch,
     topic,
@@ -83,8 +84,8 @@ class RecordingWriter:
 
         Raises PacketError, SectionError, OSError.
         """
-        if packets:
-            self._add(PACKET_ENCODING, packets[0].stamp_ns, pack_batch(packets), 0)
+        for batch in batches_of(packets):
+            self._add(PACKET_ENCODING, batch[0].stamp_ns, pack_batch(batch), 0)
 
     def write_cloud(self, frame: Frame) -> None:
         """Add the points of a decoded frame as `foxglove.PointCloud`, and its pose if it has one.

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError
-from lidarcodec.sensor_model import HDL64E, Origin, SensorModel
+from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, Origin, SensorModel
 from lidarcodec.sensors.calibration import read_calibration
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.generic import generic_for
 from lidarcodec.sensors.images import Sensor
 from lidarcodec.sensors.models.ouster.beside import metadata_beside
@@ -37,6 +38,8 @@ def find_sensor(
         return find_calibration(capture, given, first_payloads)
     if model == PACKETS:
         return any_packets()
+    if model == POINTCLOUD2:
+        return cloud_sensor(first_payloads)
     if is_ouster(model):
         return _ouster(capture, given, first_payloads, model)
     return _of_model(sensor_named(model), capture, given)

@@ -20,7 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidarcodec.errors import PacketError
-from lidarcodec.sensor_model import HDL64E
+from lidarcodec.sensor_model import HDL64E, POINTCLOUD2
+from lidarcodec.sensors.clouds.sensor import is_cloud
 from lidarcodec.sensors.hdl64 import PACKET_DTYPE
 from lidarcodec.sensors.models.ouster.sensor import bare_sensor_of
 from lidarcodec.sensors.models.table import OUSTERS, PACKETS, Detected, detect, sensor_named
@@ -76,6 +77,8 @@ def takes(model: str, payloads: Sequence[bytes]) -> bool:
     """
     if model == PACKETS:
         return bool(payloads)
+    if model == POINTCLOUD2:
+        return any(map(is_cloud, payloads[:STREAM_PACKETS]))
     if model == HDL64E:
         return any(len(payload) == PACKET_BYTES for payload in payloads)
     if model in OUSTERS:

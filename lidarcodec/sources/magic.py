@@ -6,3 +6,5 @@ from typing import Final
 
 MCAP_MAGIC: Final = b"\x89MCAP"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
+BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
+"""Of a bag of ROS 1."""

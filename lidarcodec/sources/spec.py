@@ -14,6 +14,8 @@ from urllib.parse import parse_qsl
 
 from lidarcodec.errors import SourceError, UnknownNameError
 
+LIVE = ("udp", "ros2")
+"""Kinds of sources that are live."""
 TRUE, FALSE = frozenset({"1", "true", "yes", ""}), frozenset({"0", "false", "no"})
 
 
@@ -98,14 +100,14 @@ def address_of(text: str) -> IPv4Address | IPv6Address:
         raise SourceError(f"source option src={text}: write an IP address") from None
 
 
-def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "sim")) -> Spec:
+def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "ros2", "sim")) -> Spec:
     """The spec of a path or an address. A file whose name has a question mark is found by its full name first.
 
     Raises UnknownNameError for an address of a kind that does not exist, SourceError for an empty text.
     """
     name = str(text)
     if not name:
-        raise SourceError("no source given: write a path, udp://HOST:PORT or sim:city")
+        raise SourceError("no source given: write a path, udp://HOST:PORT, ros2:/TOPIC or sim:city")
     if isinstance(text, Path) or Path(name).exists():
         return Spec(name, "", name)
     place, _, query = name.partition("?")

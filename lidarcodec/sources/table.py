@@ -4,7 +4,7 @@ Modules are named as text and imported on first use, so unused ones cost nothing
 
 >>> open_source("tcp://somewhere")
 Traceback (most recent call last):
-lidarcodec.errors.UnknownNameError: unknown kind of source 'tcp': choose one of a path, udp, sim
+lidarcodec.errors.UnknownNameError: unknown kind of source 'tcp': choose one of a path, udp, ros2, sim
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.sensor_model import Convention
 from lidarcodec.sources.base import PacketSource
-from lidarcodec.sources.magic import MCAP_MAGIC, SQLITE_MAGIC
+from lidarcodec.sources.magic import BAG_MAGIC, MCAP_MAGIC, SQLITE_MAGIC
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.poses import Poses, read_poses
 from lidarcodec.sources.spec import Spec, parse
@@ -25,6 +25,7 @@ from lidarcodec.sources.unit_calibration import warn_if_generic
 
 TABLE: dict[str, str] = {
     "udp": "lidarcodec.sources.udp.source:UdpSource",
+    "ros2": "lidarcodec.bridges.ros_source:RosSource",
     "sim": "lidarcodec.sources.simulator:SimulatorSource",
     "folder": "lidarcodec.sources.kitti.source:KittiSource",
     "recording": "lidarcodec.sources.recording:RecordingSource",
@@ -32,7 +33,7 @@ TABLE: dict[str, str] = {
     "capture": "lidarcodec.sources.captures.source:CaptureSource",
 }
 """Kind -> module and class, which has a constructor `from_spec(spec, calibration)`."""
-SCHEMES = ("udp", "sim")
+SCHEMES = ("udp", "ros2", "sim")
 SCAN_SUFFIXES = (".bin", ".bin.xz")
 
 
@@ -93,7 +94,7 @@ def kind_of(spec: Spec) -> str:
             return "folder"
         with open_regular(path) as file:
             begins = file.read(len(SQLITE_MAGIC))
-        found = begins == SQLITE_MAGIC
+        found = begins == SQLITE_MAGIC or begins[: len(BAG_MAGIC)] == BAG_MAGIC
         if begins[: len(MCAP_MAGIC)] == MCAP_MAGIC:
             from lidarcodec.sources.rosbag.source import is_rosbag
 

@@ -6,7 +6,7 @@ import logging
 from functools import cache
 from typing import Final, NamedTuple
 
-from lidarcodec.sensor_model import HDL64E, SensorModel
+from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, SensorModel
 from lidarcodec.sensors.generic import TABLES, generic_sensor
 from lidarcodec.sensors.models.ouster.sensor import METADATA_URL, bare_sensors
 from lidarcodec.sensors.models.table import OUSTERS, PACKETS, names, sensor_named
@@ -23,6 +23,8 @@ NO_METADATA: Final = "there are no points; packets and images are not affected"
 METADATA_REMEDY: Final = f"save {METADATA_URL} as NAME.json beside the capture, or give --calibration NAME.json"
 MAX_SAID: Final = 256
 
+_WITHOUT: Final = (HDL64E, POINTCLOUD2, PACKETS, *OUSTERS)
+"""Models that have no generic calibration of their own here."""
 _said: set[str] = set()
 
 
@@ -30,7 +32,7 @@ _said: set[str] = set()
 def generic_hashes() -> frozenset[str]:
     """Hashes of the generic tables, to recognise them in recordings."""
     hdl64e = {generic_sensor(model).hash for model in TABLES}
-    named = {sensor_named(model).generic_sensor.hash for model in names() if model not in (HDL64E, PACKETS, *OUSTERS)}
+    named = {sensor_named(model).generic_sensor.hash for model in names() if model not in _WITHOUT}
     return frozenset(hdl64e | named | {sensor.generic_sensor.hash for sensor in bare_sensors().values()})
 
 
@@ -50,7 +52,7 @@ class _Note(NamedTuple):
 
 
 def _note(sensor: SensorModel, *, live: bool = False) -> _Note | None:
-    if sensor.origin == "simulated" or sensor.model == PACKETS or not is_generic(sensor):
+    if sensor.origin == "simulated" or sensor.model in (PACKETS, POINTCLOUD2) or not is_generic(sensor):
         return None
     missing = "this unit has no calibration of its own, so a generic one is used"
     if sensor.is_hdl64e:

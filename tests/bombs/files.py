@@ -1,5 +1,6 @@
 """Files that are made to be dear, one or several of each kind of `BUDGETS`, and how each is opened."""
 
+import bz2
 import gzip
 import io
 import lzma
@@ -140,6 +141,19 @@ def rows_without_end(folder):
     return database(folder, TOPICS + columns + same, [(k, k) for k in range(20_000)])
 
 
+def bag1(folder, plain, times):
+    """A bag of ROS 1 of so many chunks that become `plain`."""
+
+    def record(head, data):
+        fields = b"".join(struct.pack("<I", len(one)) + one for one in head)
+        return struct.pack("<I", len(fields)) + fields + struct.pack("<I", len(data)) + data
+
+    head = (b"op=\5", b"compression=bz2", b"size=" + struct.pack("<I", len(plain)))
+    path = folder / "bomb.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n" + record(head, bz2.compress(plain)) * times)
+    return path
+
+
 def metadata(folder, text):
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n" + text)
     return folder
@@ -239,6 +253,8 @@ BOMBS = {
     "database, computed column": ("database", computed_column, opened),
     "database, endless view": ("database", endless_view, opened),
     "database, topics times messages": ("database", rows_without_end, opened),
+    "rosbag1, empty records": ("rosbag1", lambda f: bag1(f, bytes(60 * MIB), 20), opened),
+    "rosbag1, zeros": ("rosbag1", lambda f: bag1(f, struct.pack("<II", 0, 60 * MIB) + bytes(60 * MIB), 20), opened),
     "bag, laughs": ("bag", laughs, opened),
     "bag, fields": ("bag", lambda f: metadata(f, "  a: [" + "x," * 400_000 + "]"), opened),
     "stamps, lines": ("stamps", times, find_scans),

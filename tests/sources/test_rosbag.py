@@ -103,14 +103,17 @@ def test_one_of_several_topics_is_chosen_by_name(tmp_path):
         open_source(f"{path}?topic=/top")
 
 
-def test_a_bag_without_packets_says_what_it_has(tmp_path):
+def test_a_bag_without_packets_gives_its_clouds(tmp_path):
     path = tmp_path / "points.mcap"
     from tests.contracts.frames import scene
 
     with path.open("wb") as file, RosbagWriter(file) as writer:
         writer.write_cloud(scene(1))
-    with pytest.raises(SourceError, match=r"points on /velodyne_points cannot be turned back into packets"):
-        open_source(path)
+    with open_source(path) as source:
+        assert source.sensor.model == "pointcloud2"
+        assert len(list(source.packets())) == 1
+    with pytest.raises(SourceError, match=r"neither velodyne_msgs/VelodyneScan nor sensor_msgs/PointCloud2"):
+        open_source(f"{path}?model=vlp16")
 
 
 def test_a_bag_of_another_sensor_has_its_packets_and_its_model(tmp_path, data_file):

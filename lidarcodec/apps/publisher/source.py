@@ -13,6 +13,7 @@ from lidarcodec.assembly import Assembler
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
+from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.sensor_time import SensorTime
 from lidarcodec.sources.base import Source
@@ -114,7 +115,7 @@ class FrameFeed:
                 self._shifts.append((packet.stamp_ns, self._replay.shift_ns))
             if self._recorder is not None and self._record_as == "packets":
                 self._batch.append(packet)
-                if len(self._batch) >= RECORD_BATCH:
+                if len(self._batch) >= RECORD_BATCH or len(packet.payload) > MAX_ODD_BYTES:
                     self._record_batch(self._recorder)
             last = self._assembler.follow(self.source.sensor)
             if last is not None:

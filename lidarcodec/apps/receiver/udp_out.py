@@ -185,6 +185,9 @@ class UdpOut:
         """Send the packets of a frame, each when it is due."""
         if frame.side is None or not packets:
             return
+        if frame.sensor.is_cloud:
+            self._once.add("no packets", SettingsError("point clouds that came as messages are not sent over UDP"))
+            return
         steps = due_s(frame.side)
         begin, excess = self._begin(frame.stamp_ns / 1e9, arrival_s)
         gained = np.minimum(steps * (1 - 1 / CATCH_UP), excess)

@@ -72,6 +72,8 @@ def run(
     ):
         if (frames is not None or skip) and not source.sensor.is_hdl64e:
             raise SettingsError("--frames and --skip of convert count turns of an HDL-64E: use encode", "frames")
+        if wanted.form == "pcap" and source.sensor.is_cloud:
+            raise SettingsError("a capture cannot hold point clouds: give the output no ending, for a rosbag2", "to")
         read = parse(spec).path
         beside = _calibration_file(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None

@@ -12,8 +12,9 @@ from lidarcodec.assembly import Assembler
 from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
 from lidarcodec.errors import SettingsError
 from lidarcodec.packet import Packet
+from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.recording import RecordingWriter, RosbagWriter
-from lidarcodec.recording.rosbag import FRAME_ID, PACKETS_TOPIC
+from lidarcodec.recording.rosbag import CLOUDS_TOPIC, FRAME_ID, PACKETS_TOPIC, POINTS_TOPIC
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
@@ -110,7 +111,7 @@ class _Batches:
 
     def add(self, packet: Packet) -> None:
         self._batch.append(packet)
-        if len(self._batch) == FRAME_PACKETS:
+        if len(self._batch) == FRAME_PACKETS or len(packet.payload) > MAX_ODD_BYTES:
             self.flush()
 
     def flush(self) -> None:
@@ -135,10 +136,19 @@ class _Packets:
 
 
 class Bag:
-    """Scans, and optionally points, in a bag. writer: the writer of the bag, for its metadata."""
+    """Scans, and optionally points, in a bag; of a source of point clouds its messages.
+
+    writer: the writer of the bag, for its metadata
+    """
 
     def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
-        self.writer = RosbagWriter(handle, packets_topic=wanted.topic, frame_id=wanted.frame_id)
+        points_topic = (
+            POINTS_TOPIC if not sensor.is_cloud else CLOUDS_TOPIC if wanted.topic == PACKETS_TOPIC else wanted.topic
+        )
+        self.writer = RosbagWriter(
+            handle, packets_topic=wanted.topic, points_topic=points_topic, frame_id=wanted.frame_id
+        )
+        self._clouds = sensor.is_cloud
         self._batches = _Batches(self.writer.write_scan)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._poses = poses
@@ -147,6 +157,9 @@ class Bag:
     def write(self, packet: Packet) -> None:
         if packet.position:
             self._positions += 1
+            return
+        if self._clouds:
+            self.writer.write_message(packet.stamp_ns, packet.payload)
             return
         self._batches.add(packet)
         frame = None if self._assembler is None else self._assembler.push(packet)

@@ -17,15 +17,18 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import StatusReader
+from lidarcodec.sensors.clouds.sensor import cloud_evidence
 from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.sensors.recognise import STREAM_PACKETS
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
-from lidarcodec.sources.spec import parse
+from lidarcodec.sources.spec import LIVE, parse
 from lidarcodec.units import FRAME_PACKETS
 
 LOOK_PACKETS = 10 * FRAME_PACKETS
 """Number of frames read from a source without an end."""
+LOOK_CLOUDS = 10
+"""The same for a source whose packets are point clouds."""
 QUIET_S = 10.0
 """Default of the option `idle` here: `info` should not wait long for a live source that sends nothing."""
 ROLE_LETTERS = {
@@ -76,7 +79,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
 
     Raises SourceError, also if a live source sends nothing, PacketError or CalibrationError.
     """
-    limit = LOOK_PACKETS if is_endless(spec) else None
+    limit = (LOOK_CLOUDS if parse(spec).scheme == "ros2" else LOOK_PACKETS) if is_endless(spec) else None
     quiet_s = parse(spec).number("idle", 0.0, 1e9) or QUIET_S
     totals, status = _Totals(), StatusReader()
     packets = positions = 0
@@ -92,7 +95,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
             packets += 1
             if sensor.is_hdl64e:
                 status.push(packet.payload)
-            elif len(first) < STREAM_PACKETS:
+            elif len(first) < (1 if sensor.is_cloud else STREAM_PACKETS):
                 first.append(packet.payload)
             if frame is not None:
                 totals.add(frame, _cells(frame))
@@ -147,6 +150,9 @@ def _cells(frame: Frame) -> int:
 
 def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
     """Facts about a sensor other than an HDL-64E: rows, range step, planes, and the evidence for its model."""
+    if sensor.is_cloud:
+        evidence = next((found for payload in payloads if (found := cloud_evidence(payload))), "named by --model")
+        return {"evidence": evidence, "rows": sensor.rows}
     family = sensor_of(sensor)
     if family is None:
         return {"evidence": "its packets are kept unchanged, without images or points"}
@@ -162,7 +168,7 @@ def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
 def _limited(spec: str) -> str:
     """The source with an option `idle`, if it is a live source without one."""
     parsed = parse(spec)
-    if parsed.scheme != "udp" or "idle" in parsed.options:
+    if parsed.scheme not in LIVE or "idle" in parsed.options:
         return spec
     return f"{spec}{'&' if '?' in spec else '?'}idle={QUIET_S:g}"
 

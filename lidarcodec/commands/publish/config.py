@@ -32,6 +32,7 @@ from lidarcodec.sensors import read_calibration
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.poses import read_poses
+from lidarcodec.sources.spec import LIVE
 from lidarcodec.sources.spec import parse as parse_source
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 
@@ -113,7 +114,7 @@ class SensorConfig(_Strict):
             self.name,
             partial(open_source, self.source, calibration=self.calibration, poses=self.poses),
             self.stream_settings(),
-            live=parse_source(self.source).scheme == "udp",
+            live=parse_source(self.source).scheme in LIVE,
             rate=rate,
             with_poses=self.poses is not None,
             record=None if keep is None else Record(keep.folder, keep.form, record_limits(keep.gb)),

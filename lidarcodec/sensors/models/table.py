@@ -14,7 +14,8 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from lidarcodec.errors import CalibrationError, UnknownNameError
-from lidarcodec.sensor_model import HDL64E, Calibration, SensorModel
+from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, Calibration, SensorModel
+from lidarcodec.sensors.clouds.sensor import cloud_evidence
 from lidarcodec.sensors.images import Sensor
 from lidarcodec.sensors.models.block_sensor import BlockSensor
 from lidarcodec.sensors.models.ouster.sensor import METADATA_URL, bare_sensors, sensor_from
@@ -43,6 +44,10 @@ OUSTERS: Final = tuple(f"os{family}-{rows}" for family in ("0", "1", "2", "dome"
 """Ouster's models. Their packets are understood by the metadata of the unit, the `description` of a SensorModel."""
 
 
+LOOKED_AT: Final = 64
+"""Payloads that are looked at as messages."""
+
+
 class Detected(NamedTuple):
     """The model that sent a stream, and why it must be this one, as a sentence for people."""
 
@@ -52,7 +57,7 @@ class Detected(NamedTuple):
 
 def names() -> tuple[str, ...]:
     """All names that `--model` takes."""
-    return (HDL64E, *_MODELS, *OUSTERS, PACKETS)
+    return (HDL64E, *_MODELS, *OUSTERS, POINTCLOUD2, PACKETS)
 
 
 def is_ouster(model: str) -> bool:
@@ -82,12 +87,12 @@ def sensor_named(model: str) -> Sensor:
 
 
 def sensor_of(sensor: SensorModel) -> Sensor | None:
-    """How packets of this sensor become images; None for a sensor whose packets are only carried.
+    """How packets of this sensor become images; None for a sensor whose packets are only carried, and for clouds.
 
     Raises UnknownNameError for a model that this build does not know, CalibrationError for an Ouster's description that
     is not that of this sensor.
     """
-    if sensor.model == PACKETS:
+    if sensor.model in (PACKETS, POINTCLOUD2):
         return None
     return _described(sensor) if sensor.model in OUSTERS else sensor_named(sensor.model)
 
@@ -129,4 +134,5 @@ def detect(payloads: Sequence[bytes]) -> Detected | None:
         taken = [payload for payload in right if sensor.layout_of(payload) is not None]
         if len(taken) > most and 2 * len(taken) > len(right):
             best, most = Detected(name, sensor.evidence(taken[0]) or ""), len(taken)
-    return best
+    clouds = [told for payload in payloads[:LOOKED_AT] if (told := cloud_evidence(payload)) is not None]
+    return Detected(POINTCLOUD2, clouds[0]) if best is None and 2 * len(clouds) > len(payloads[:LOOKED_AT]) else best

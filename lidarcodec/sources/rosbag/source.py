@@ -1,4 +1,5 @@
-"""RosbagSource: packets in `velodyne_msgs/VelodyneScan` messages of a rosbag2, from MCAP or SQLite files.
+"""RosbagSource: packets in `velodyne_msgs/VelodyneScan` messages of a rosbag2, from MCAP or SQLite files, and the
+`sensor_msgs/PointCloud2` messages of a rosbag2 or of a bag of ROS 1.
 
 It needs no ROS. A bag is a folder with a metadata.yaml and one or more files, or a single such file.
 """
@@ -23,10 +24,13 @@ from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.recording.rosbag import ENCODING, PROFILE
+from lidarcodec.sensor_model import POINTCLOUD2
 from lidarcodec.sensors import check_recognised, find_sensor
+from lidarcodec.sensors.clouds.message import ROS1
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.cloud_packets import CloudPackets
 from lidarcodec.sources.decompress import WINDOW_LIMIT
-from lidarcodec.sources.rosbag import sqlite
+from lidarcodec.sources.rosbag import bag1, sqlite
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
@@ -34,15 +38,19 @@ from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 log = logging.getLogger(__name__)
 
 METADATA: Final = "metadata.yaml"
-POINTS: Final = (ros.POINT_CLOUD2.name, "sensor_msgs/msg/PointCloud")
+SCAN: Final = ros.VELODYNE_SCAN.name.replace("/msg/", "/")
+CLOUD: Final = ros.POINT_CLOUD2.name.replace("/msg/", "/")
+FIRST_CLOUDS: Final = 2
+"""Clouds that are looked at before the reading begins."""
 _MAX_FILES: Final = 4096
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 
 
 class RosbagSource(PacketSource):
-    """Packets of one topic of a bag.
+    """Packets of one topic of a bag: those in VelodyneScan messages, or PointCloud2 messages, each of which is one.
 
-    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan)
+    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan), `too long`
+    (messages of more than 32 MiB)
     """
 
     def __init__(
@@ -50,18 +58,18 @@ class RosbagSource(PacketSource):
     ) -> None:
         """Reads the beginning.
 
-        topic: topic to read, for a bag with several of VelodyneScan
+        topic: topic to read, for a bag with several; by default its packets, and its clouds where it has none
         Raises SourceError if this is no bag or has no such topic, PacketError for packets of another sensor,
         CalibrationError.
         """
         self.path = path
         self.files = _files_of(path)
-        self.topic = _topic_of(path, self.files, topic)
-        first = list(islice(self._read(Counter(), warn=False), SEARCHED_PACKETS))
+        self.topic, self._clouds = _topic_of(path, self.files, topic, model)
+        first = list(islice(self._read(Counter(), warn=False), FIRST_CLOUDS if self._clouds else SEARCHED_PACKETS))
         if not first:
             raise SourceError(f"{path} has no readable packet on topic {self.topic}")
         payloads = [packet.payload for packet in first]
-        found = model or check_recognised(payloads).model
+        found = POINTCLOUD2 if self._clouds else model or check_recognised(payloads).model
         super().__init__(find_sensor(path, calibration, payloads, found))
         self.start_ns = first[0].stamp_ns
         self.label = f"rosbag {path.name}, {self.topic}"
@@ -81,11 +89,13 @@ class RosbagSource(PacketSource):
 
     def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
         expands, seen, number = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0, 0
+        clouds = CloudPackets(counts)
         for file in self.files:
             for data in _messages(file, self.topic, counts, warn):
                 seen, number = seen + len(data), number + 1
                 try:
-                    packets = packets_of_scan(_plain(data, expands, seen))
+                    plain = _plain(data, expands, seen)
+                    packets = clouds.of(plain) if self._clouds else packets_of_scan(plain)
                 except DecodeError:
                     counts["bad scans"] += 1
                     continue
@@ -150,14 +160,16 @@ def _told(path: Path, topic: str) -> int:
 
 
 def _topics(file: Path) -> dict[str, str]:
+    if bag1.is_bag(file):
+        return bag1.topics(file)
     if sqlite.is_database(file):
         return sqlite.topics(file)
     with open_regular(file) as stream:
         return RecordingReader(stream, warn=False).topics()
 
 
-def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
-    """The topic to read: `wanted`, or the only one with scans."""
+def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | None) -> tuple[str, bool]:
+    """The topic to read, and whether its messages are clouds: `wanted`, or the only one with scans, else clouds."""
     topics: dict[str, str] = {}
     try:
         for file in files:
@@ -165,20 +177,36 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
     except OSError as error:
         raise SourceError(f"cannot read {path}: {error.strerror or error}") from None
     # ROS 1 called it velodyne_msgs/VelodyneScan, and some bags that were converted still do.
-    names = (ros.VELODYNE_SCAN.name, ros.VELODYNE_SCAN.name.replace("/msg/", "/"))
-    scans = sorted(name for name, kind in topics.items() if kind in names)
-    if wanted is not None and wanted not in scans:
-        raise SourceError(f"{path} has no {names[0]} on topic {wanted}; it has these: {', '.join(scans) or 'none'}")
-    if len(scans) > 1 and wanted is None:
-        raise SourceError(f"{path} has packets on several topics: choose one with ?topic=NAME, of {', '.join(scans)}")
-    if not scans:
-        points = [name for name, kind in topics.items() if kind in POINTS]
-        why = f"; points on {', '.join(sorted(points)[:3])} cannot be turned back into packets" if points else ""
-        raise SourceError(f"{path} has no {names[0]} among its {len(topics)} topics{why}")
-    return wanted or scans[0]
+    types = {name: kind.replace("/msg/", "/") for name, kind in topics.items()}
+    scans = sorted(name for name, kind in types.items() if kind == SCAN and not _in_ros1(files))
+    clouds = sorted(name for name, kind in types.items() if kind == CLOUD)
+    if model == POINTCLOUD2:
+        scans = []
+    elif model is not None:
+        clouds = []
+    if wanted is not None and wanted not in (*scans, *clouds):
+        sought = CLOUD if model == POINTCLOUD2 else SCAN if model is not None or not clouds else f"{SCAN} or {CLOUD}"
+        has = ", ".join((*scans, *clouds)) or "none"
+        raise SourceError(f"{path} has no {sought} on topic {wanted}; it has these: {has}")
+    if wanted is not None:
+        return wanted, wanted in clouds
+    found, what = (scans, "packets") if scans else (clouds, "clouds")
+    if len(found) > 1:
+        raise SourceError(f"{path} has {what} on several topics: choose one with ?topic=NAME, of {', '.join(found)}")
+    if not found:
+        raise SourceError(f"{path} has neither {SCAN} nor {CLOUD} among its {len(topics)} topics")
+    return found[0], not scans
+
+
+def _in_ros1(files: list[Path]) -> bool:
+    return any(bag1.is_bag(file) for file in files)
 
 
 def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Iterator[bytes]:
+    if bag1.is_bag(file):
+        for data in bag1.messages(file, topic, counts, warn):
+            yield ROS1 + data
+        return
     if sqlite.is_database(file):
         yield from sqlite.messages(file, topic, counts, warn)
         return

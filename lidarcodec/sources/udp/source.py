@@ -18,7 +18,7 @@ from typing import Final
 from lidarcodec import _native
 from lidarcodec.errors import CalibrationError, PacketError, SourceError
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
-from lidarcodec.sensor_model import HDL64E, SensorModel
+from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, SensorModel
 from lidarcodec.sensors import check_recognised, find_calibration, find_sensor
 from lidarcodec.sensors.models.shapes import shapes
 from lidarcodec.sensors.models.table import PACKETS, is_ouster
@@ -140,6 +140,8 @@ class UdpSource(PacketSource):
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
         """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=&model=`."""
         spec.only("src", "any", "idle", "wait", "interface", "share", "position", "model")
+        if spec.options.get("model") == POINTCLOUD2:
+            raise SourceError(f"{spec.text}: point clouds come from bags, or live from ros2:/TOPIC, not over UDP")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""

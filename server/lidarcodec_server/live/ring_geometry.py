@@ -16,11 +16,16 @@ import numpy.typing as npt
 from lidarcodec.errors import CalibrationError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
+from lidarcodec.sensors.clouds.message import read_message
+from lidarcodec.sensors.clouds.points import payload_of
+from lidarcodec.sensors.clouds.view import view_of
 from lidarcodec.sensors.images import Images
 
 COLUMNS: Final = 256
 """Number of columns used for the fit."""
 MAX_U16: Final = 65_535
+CLOUD_STEP: Final = 4
+"""Steps of 1 mm that are one of the image of a point cloud: 262 m in 16 bits."""
 _FAR: Final = 4096
 """The second of the two ranges, in range steps."""
 
@@ -39,6 +44,8 @@ class RingGeometry(NamedTuple):
 
 def ring_geometry(frame: Frame) -> RingGeometry | None:
     """The geometry of a frame's rings; None for a frame without points, such as one of an Ouster without metadata."""
+    if frame.sensor.is_cloud:
+        return _of_points(frame)
     found = layout_of(frame)
     if found is None or not frame.width:
         return None
@@ -65,8 +72,32 @@ def ring_geometry(frame: Frame) -> RingGeometry | None:
     return RingGeometry(rotation, elevation, distance, origin[2].mean(axis=1) - distance * np.sin(elevation), sideways)
 
 
+def _of_points(frame: Frame) -> RingGeometry | None:
+    """The geometry of a point cloud that came as a message: the usual direction of the points of each row."""
+    cloud, rows = frame.cloud(), frame.sensor.rows
+    if not len(cloud) or not frame.width:
+        return None
+    message = read_message(payload_of(frame))
+    view = view_of(message, rows)
+    if view is None:
+        return None
+    column = np.clip(view.column, 0, frame.width - 1)[message.returns]
+    azimuth = np.radians(frame.azimuth[0, column] * 0.01)
+    beta = np.arctan2(-cloud["y"], cloud["x"])
+    turned = np.bincount(cloud["ring"], np.cos(azimuth - beta), rows) + 1j * np.bincount(
+        cloud["ring"], np.sin(azimuth - beta), rows
+    )
+    elevation = np.arctan2(cloud["z"], np.hypot(cloud["x"], cloud["y"]))
+    count = np.maximum(np.bincount(cloud["ring"], minlength=rows), 1)
+    none = np.zeros(rows)
+    mean = np.bincount(cloud["ring"], elevation, rows) / count
+    return RingGeometry(np.angle(turned), mean, none, none, none)
+
+
 def shown_step(frame: Frame) -> int:
     """Number of the sensor's range steps in one step of a 16-bit range image."""
+    if frame.sensor.is_cloud:
+        return CLOUD_STEP
     layout = layout_of(frame)
     bits = 16 if layout is None else layout[1].planes[0].bits
     return 1 << max(0, bits - 16)

@@ -1,0 +1,324 @@
+"""The CLOUD section: one `sensor_msgs/PointCloud2` message. The format is docs/wire-format-clouds.md.
+
+Whatever cannot be taken apart travels as it is, in a zstd frame, and the encoder decodes what it made before it gives
+it away: so each message comes back byte for byte, or, with a bound, with all but x, y and z as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.entropy.varint import VarintReader, put_varint
+from lidarcodec.entropy.zstd_frames import compress, decompress
+from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
+from lidarcodec.planes.clouds.columns import (
+    WITH_PLANE,
+    Image,
+    columns_of,
+    decode_column,
+    encode_column,
+    plane_of,
+    put_bytes,
+    read_bytes,
+)
+from lidarcodec.planes.clouds.positions import NAMES, Positions, decode_positions, encode_positions
+from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
+from lidarcodec.sensors.clouds.grid import MAX_CELLS as MAX_GRID
+from lidarcodec.sensors.clouds.grid import MAX_ROWS, Grid, grid_of, places_of
+from lidarcodec.sensors.clouds.message import MAX_MESSAGE, MAX_POINTS, CloudHead, CloudMessage, read_head, read_message
+from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, Unsigned
+from lidarcodec.units import MAX_COLUMNS
+
+Numbers = npt.NDArray[np.int64]
+
+PLAIN, ZSTD, COLUMNS = 0, 1, 2
+_NO_GRID, _BY_ROW, _BY_COLUMN = 0, 1, 2
+MAX_BOUND_UM: Final = 100_000_000
+"""Largest bound on the error of a point, in micrometres."""
+_XYZ: Final = frozenset("xyz")
+
+
+def encode_cloud(payload: bytes, kind: PlaneKind, max_error_m: float | None = None) -> bytes:
+    """The section of a payload (lidarcodec/sensors/clouds/message.py).
+
+    max_error_m: largest distance of a point from where it was; None or 0: byte for byte
+
+    Raises SectionError for a payload of more than 32 MiB.
+    """
+    if len(payload) > MAX_MESSAGE:
+        raise SectionError(f"a message of {len(payload)} bytes: the limit is {MAX_MESSAGE}")
+    if kind == PlaneKind.PLAIN:
+        return bytes([PLAIN]) + payload
+    whole = bytearray([ZSTD])
+    put_varint(whole, len(payload))
+    whole += compress(payload, 3)
+    try:
+        with np.errstate(all="ignore"):
+            coded, planes = _in_columns(read_message(payload), kind, max_error_m or None)
+            back = _from_columns(VarintReader(coded[1:]), planes).payload
+    except (LidarCodecError, ArithmeticError, ValueError, IndexError):  # numbers that no driver sends
+        return bytes(whole)
+    same = back == payload if not max_error_m else same_but_near(back, payload, max_error_m)
+    return coded if same and len(coded) < len(whole) else bytes(whole)
+
+
+class Cloud(NamedTuple):
+    """A decoded section: the payload, and the range image of its points if the section has one."""
+
+    payload: bytes
+    grid: Grid | None = None
+
+
+def bound_of_cloud(data: bytes) -> float:
+    """Largest distance in metres of a point from where it was; 0: the message is as it was.
+
+    Raises SectionError or TruncatedError.
+    """
+    reader = VarintReader(data)
+    return reader.varint(MAX_BOUND_UM) * 1e-6 if reader.byte() == COLUMNS else 0.0
+
+
+def decode_cloud(data: bytes) -> Cloud:
+    """The message of a section.
+
+    Raises SectionError or TruncatedError.
+    """
+    reader = VarintReader(data)
+    kind = reader.byte()
+    if kind == PLAIN:
+        return Cloud(reader.rest(MAX_MESSAGE))
+    if kind == ZSTD:
+        size = reader.varint(MAX_MESSAGE)
+        return Cloud(decompress(reader.rest(len(reader)), size))
+    if kind != COLUMNS:
+        raise SectionError(f"a cloud of the unknown kind {kind}")
+    with np.errstate(all="ignore"):
+        return _from_columns(reader)
+
+
+def same_but_near(one: bytes, other: bytes, max_error_m: float) -> bool:
+    """Whether two payloads differ in x, y and z alone, and no point is further than `max_error_m` from its own."""
+    if len(one) != len(other):
+        return False
+    try:
+        first, second = read_message(one), read_message(other)
+    except DecodeError:
+        return one == other
+    axes = [second.head.by_name.get(name) for name in "xyz"]
+    if any(axis is None for axis in axes) or first.head.size != second.head.size:
+        return one == other
+    mine, theirs = first.points.copy(), second.points.copy()
+    for axis in axes:
+        assert axis is not None
+        size = np.dtype(axis.kind).itemsize
+        mine[:, axis.offset : axis.offset + size] = theirs[:, axis.offset : axis.offset + size] = 0
+    if not np.array_equal(mine, theirs) or not np.array_equal(first.between, second.between):
+        return False
+    if one[: first.head.size] != other[: second.head.size] or first.tail != second.tail:
+        return False
+    if first.xyz is None or second.xyz is None:
+        return one == other
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = first.xyz - second.xyz
+        far = ~((off * off).sum(axis=0) <= (max_error_m * (1 + 1e-9)) ** 2)
+    axis_bytes = [np.stack([np.asarray(m.values(name)) for name in "xyz"]) for m in (first, second)]
+    bits = [part.view(np.uint32 if part.dtype.itemsize == 4 else np.uint64) for part in axis_bytes]
+    return bool((bits[0][:, far] == bits[1][:, far]).all())
+
+
+def _in_columns(message: CloudMessage, kind: PlaneKind, max_error_m: float | None) -> tuple[bytes, dict[str, Unsigned]]:
+    """The section, and the planes that are in it."""
+    head = message.head
+    if not 0 < head.points <= MAX_POINTS:
+        raise SectionError(f"a message of {head.points} points has no columns")
+    level = 3 if kind == PlaneKind.ZSTD else 9
+    out = bytearray([COLUMNS])
+    put_varint(out, math.ceil((max_error_m or 0.0) * 1e6))
+    _put_packed(out, message.payload[: head.size], level)
+    _put_packed(out, message.between.tobytes(), level)
+    _put_packed(out, message.tail, level)
+    grid = grid_of(message)
+    positions = None if grid is None else encode_positions(message, grid, max_error_m, level)
+    nothing = np.zeros(head.points, np.int64)
+    image = positions.image if positions is not None else Image(grid, None, nothing, nothing, level)
+    columns, gaps = columns_of(head, _XYZ if positions is not None else frozenset())
+    coded = [encode_column(_values(message, at, dtype), image) for _, at, dtype in columns]
+    _put_grid(out, grid, head)
+    out.append(int(positions is not None))
+    images: dict[str, Unsigned] = {}
+    if grid is not None:
+        planes = _planes(grid, positions)
+        for number, one in enumerate(coded):
+            if one.plane is not None and len(planes) >= _most_planes(grid):
+                coded[number] = encode_column(
+                    _values(message, *columns[number][1:]), Image(None, None, nothing, nothing)
+                )
+            elif one.plane is not None:
+                planes[f"c{number}"] = one.plane
+        images = _put_planes(out, planes, grid, kind)
+    if positions is not None:
+        out += positions.head
+    for one in coded:
+        out.append(one.way)
+        out += one.data
+    if len(gaps):
+        put_bytes(out, np.ascontiguousarray(message.points[:, gaps]), level)
+    return bytes(out), images
+
+
+def _from_columns(reader: VarintReader, known: dict[str, Unsigned] | None = None) -> Cloud:
+    """The message of a section behind its kind. known: its planes, for an encoder that looks whether all comes back."""
+    reader.varint(MAX_BOUND_UM)
+    head_bytes = _read_packed(reader, MAX_MESSAGE)
+    head = read_head(head_bytes)
+    if head.size != len(head_bytes) or not head.regular or head.size + head.data_bytes > MAX_MESSAGE:
+        raise SectionError("the head of a cloud that is none, or whose points do not lie as it says")
+    points = head.points
+    if not 0 < points <= MAX_POINTS or points * head.point_step > head.data_bytes:
+        raise SectionError(f"a cloud of {points} points in {head.data_bytes} bytes")
+    between = _read_packed(reader, head.data_bytes - points * head.point_step)
+    tail = _read_packed(reader, MAX_MESSAGE - head.size - head.data_bytes)
+    if len(between) != head.data_bytes - points * head.point_step:
+        raise SectionError("rows of a cloud that are not as long as their step")
+    kind = reader.byte()
+    grid_head = _read_grid_head(reader, kind, head, points)
+    positioned = reader.byte()
+    if positioned > 1 or (positioned and kind == _NO_GRID):
+        raise SectionError("coordinates by a range image that is not there")
+    found: dict[str, Numbers] = {}
+    grid: Grid | None = None
+    if grid_head is not None:
+        planes = _read_planes(reader, grid_head, known)
+        grid = _grid(grid_head, planes, points)
+        found = {name: plane[grid.row, grid.column].astype(np.int64) for name, plane in planes.items()}
+    rows = np.zeros((points, head.point_step), np.uint8)
+    nothing = np.zeros(points, np.int64)
+    image = Image(grid, None, nothing, nothing)
+    if positioned and grid is not None:
+        if not set(NAMES) <= found.keys():
+            raise SectionError("coordinates without their planes")
+        xyz, image = decode_positions(reader, grid, found)
+        for name, values in zip("xyz", xyz, strict=True):
+            axis = head.by_name.get(name)
+            if axis is None or axis.kind != "f4":
+                raise SectionError(f"coordinates in a cloud without a float32 {name}")
+            _put_values(rows, values, axis.offset, head)
+    columns, gaps = columns_of(head, _XYZ if positioned else frozenset())
+    for number, (_, at, dtype) in enumerate(columns):
+        way = reader.byte()
+        plane = found.get(f"c{number}")
+        if way in WITH_PLANE and plane is None:
+            raise SectionError(f"column {number} of a cloud without its plane")
+        _put_values(rows, decode_column(way, reader, np.dtype(dtype), points, image, plane), at, head)
+    if len(gaps):
+        rows[:, gaps] = read_bytes(reader, points, len(gaps))
+    reader.end()
+    return Cloud(head_bytes + _with_padding(rows, between, head) + tail, grid)
+
+
+def _with_padding(rows: npt.NDArray[np.uint8], between: bytes, head: CloudHead) -> bytes:
+    """The points with the bytes behind each row of them."""
+    if not between:
+        return rows.tobytes()
+    padding = np.frombuffer(between, np.uint8).reshape(head.height, -1)
+    return np.concatenate((rows.reshape(head.height, -1), padding), axis=1).tobytes()
+
+
+def _values(message: CloudMessage, at: int, kind: str) -> npt.NDArray[Any]:
+    """(N,) values in the machine's byte order."""
+    dtype = np.dtype(kind).newbyteorder(">" if message.head.big_endian else "<")
+    raw = np.ascontiguousarray(message.points[:, at : at + dtype.itemsize])
+    return raw.view(dtype).ravel().astype(dtype.newbyteorder("="))
+
+
+def _put_values(rows: npt.NDArray[np.uint8], values: npt.NDArray[Any], at: int, head: CloudHead) -> None:
+    dtype = values.dtype.newbyteorder(">" if head.big_endian else "<")
+    raw = np.ascontiguousarray(values.astype(dtype)).view(np.uint8).reshape(len(rows), -1)
+    rows[:, at : at + raw.shape[1]] = raw
+
+
+def _put_packed(out: bytearray, data: bytes, level: int) -> None:
+    put_varint(out, len(data))
+    if data:
+        packed = compress(data, level)
+        put_varint(out, len(packed))
+        out += packed
+
+
+def _read_packed(reader: VarintReader, most: int) -> bytes:
+    size = reader.varint(most)
+    return decompress(reader.take(reader.varint(len(reader))), size) if size else b""
+
+
+def _put_grid(out: bytearray, grid: Grid | None, head: CloudHead) -> None:
+    if grid is None:
+        out.append(_NO_GRID)
+        return
+    out.append(_BY_COLUMN if grid.by_column else _BY_ROW)
+    out.append(grid.rows - 1)
+    put_varint(out, grid.columns)
+    out.append(int(grid.full))
+    if grid.by_column:
+        out += bytes(grid.firing.astype(np.uint8))
+
+
+def _read_grid_head(reader: VarintReader, kind: int, head: CloudHead, points: int) -> Grid | None:
+    """A grid without the places of its points; None if there is none."""
+    if kind == _NO_GRID:
+        return None
+    if kind > _BY_COLUMN:
+        raise SectionError(f"a range image of the unknown kind {kind}")
+    rows, columns, full = reader.byte() + 1, reader.varint(MAX_COLUMNS, least=1), reader.byte()
+    if rows > MAX_ROWS or full > 1 or rows * columns > MAX_GRID or rows * columns < points or not points:
+        raise SectionError(f"a range image of {rows} x {columns} for {points} points")
+    firing = np.arange(rows)
+    if kind == _BY_COLUMN:
+        firing = np.frombuffer(reader.take(rows), np.uint8).astype(np.int64)
+        if not np.array_equal(np.sort(firing), np.arange(rows)):
+            raise SectionError("an order of firing that is none")
+    none = np.zeros(0, np.int64)
+    return Grid(rows, columns, none, none, kind == _BY_COLUMN, firing, full == 1, "")
+
+
+def _grid(head: Grid, planes: dict[str, Unsigned], points: int) -> Grid:
+    mask = np.ones((head.rows, head.columns), np.bool_) if head.full else planes["range"] > 0
+    if int(np.count_nonzero(mask)) != points:
+        raise SectionError(f"a range image of {int(np.count_nonzero(mask))} points, not {points}")
+    row, column = places_of(mask, head.firing, by_column=head.by_column)
+    return Grid(head.rows, head.columns, row, column, head.by_column, head.firing, head.full, "")
+
+
+def _most_planes(grid: Grid) -> int:
+    return min(MAX_PLANES, MAX_CELLS // (grid.rows * grid.columns))
+
+
+def _planes(grid: Grid, positions: Positions | None) -> dict[str, Numbers]:
+    if positions is not None:
+        return dict(positions.planes)
+    return {"range": np.ones(len(grid.row), np.int64)}
+
+
+def _put_planes(out: bytearray, planes: dict[str, Numbers], grid: Grid, kind: PlaneKind) -> dict[str, Unsigned]:
+    forms: list[Plane] = []
+    images: dict[str, Unsigned] = {}
+    for name, numbers in planes.items():
+        form, images[name] = plane_of(name, numbers, grid, "range" if name == "range" else "attribute")
+        forms.append(form)
+    section = encode_plane_section(kind, forms, images, np.zeros(grid.rows, np.int32), 1)
+    put_varint(out, len(section))
+    out += section
+    return images
+
+
+def _read_planes(reader: VarintReader, grid: Grid, known: dict[str, Unsigned] | None) -> dict[str, Unsigned]:
+    coded = reader.take(reader.varint(len(reader)))
+    if known is not None:
+        return known
+    section = decode_plane_section(coded, grid.columns)
+    if section.planes["range"].shape != (grid.rows, grid.columns):
+        raise SectionError(f"planes of {section.planes['range'].shape} of a cloud of {grid.rows} x {grid.columns}")
+    return section.planes

@@ -1,0 +1,118 @@
+"""What a user loses if these fail: every command on clouds in bags, from info to a bag that is the same again."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from lidarcodec.planes.clouds.section import same_but_near
+from lidarcodec.recording import RosbagWriter
+from lidarcodec.sensors.clouds.message import read_message
+from lidarcodec.sources import open_source
+from tests.command_line import run_here, the_one_line
+from tests.point_clouds import STAMP_NS, message, ouster, velodyne
+
+FRAMES = 3
+VELODYNE = [message(velodyne(120, seed=n), stamp_ns=STAMP_NS + n * 10**8) for n in range(FRAMES)]
+OUSTER = [message(ouster(128, nan=True), 16, stamp_ns=STAMP_NS + n * 10**8) for n in range(FRAMES)]
+
+
+@pytest.fixture(params=[VELODYNE, OUSTER], ids=["velodyne", "ouster"])
+def messages(request):
+    return request.param
+
+
+@pytest.fixture
+def bag(tmp_path, messages):
+    path = tmp_path / "clouds.mcap"
+    with path.open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
+        for number, one in enumerate(messages):
+            writer.write_message(STAMP_NS + number * 10**8, one)
+    return path
+
+
+def given_by(path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def ok(*words) -> str:
+    done = run_here(*map(str, words))
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_info_says_what_the_messages_are(bag, messages):
+    found = json.loads(ok("info", bag, "--json"))
+    assert found["model"] == "pointcloud2"
+    assert found["frames"] == found["packets"] == FRAMES
+    assert "with x y z intensity" in found["evidence"]
+    assert found["points"] > 3000
+
+
+@pytest.mark.parametrize("codec", ["raw", "zstd", "pcodec", "predictive"])
+def test_a_recording_decodes_to_a_bag_with_the_very_messages(tmp_path, bag, messages, codec):
+    coded, back = tmp_path / "coded.mcap", tmp_path / "back.mcap"
+    ok("encode", bag, coded, "--codec", codec)
+    ok("decode", coded, back)
+    assert given_by(back) == given_by(coded) == messages
+    assert f"{FRAMES}, identical" in ok("verify", coded, bag)
+
+
+def test_a_bound_holds_and_verify_says_so(tmp_path, bag, messages):
+    coded = tmp_path / "coded.mcap"
+    ok("encode", bag, coded, "--codec", "predictive", "--set", "max_error_m=0.01")
+    report = json.loads(ok("verify", coded, bag, "--json"))
+    assert report["lost"] == report["invented"] == 0
+    assert report["max_error_m"] <= 0.01
+    for mine, theirs in zip(given_by(coded), messages, strict=True):
+        assert same_but_near(mine, theirs, 0.01)
+
+
+def test_points_leave_in_other_formats_with_their_fields(tmp_path, bag, messages):
+    coded = tmp_path / "coded.mcap"
+    ok("encode", bag, coded, "--codec", "zstd")
+    for ending in ("npz", "ply"):
+        ok("decode", coded, tmp_path / f"out.{ending}")
+    (tmp_path / "kitti").mkdir()
+    ok("decode", coded, tmp_path / "kitti", "--force")
+    found = np.load(tmp_path / "out.npz")
+    assert found["000000/message"].tobytes() == messages[0]
+    points, sent = found["000001/points"], read_message(messages[1])
+    assert np.array_equal(points["x"], sent.values("x")[sent.returns])
+    times = "time" if "time" in sent.head.by_name else "t"
+    assert np.array_equal(points[times], sent.values(times)[sent.returns])
+    assert len(list((tmp_path / "kitti").glob("*.bin"))) == FRAMES
+
+
+def test_clouds_do_not_go_into_a_capture(tmp_path, bag):
+    for words in (("convert", bag, tmp_path / "a.pcap"), ("decode", _encoded(tmp_path, bag), tmp_path / "b.pcap")):
+        done = run_here(*map(str, words))
+        assert done.returncode
+        assert "cannot hold point clouds" in the_one_line(done)
+
+
+def _encoded(tmp_path, bag):
+    ok("encode", bag, tmp_path / "coded.mcap", "--codec", "zstd")
+    return tmp_path / "coded.mcap"
+
+
+def test_packets_are_recorded_as_they_are_and_become_a_bag_again(tmp_path, bag, messages):
+    ok("convert", bag, tmp_path / "packets.mcap", "--to", "packets")
+    ok("convert", tmp_path / "packets.mcap", tmp_path / "again")
+    assert given_by(tmp_path / "packets.mcap") == given_by(tmp_path / "again") == messages
+
+
+def test_bench_compares_with_zstd_of_the_messages(bag, messages):
+    (found,) = json.loads(ok("bench", bag, "--codec", "predictive", "--json"))
+    assert found["packets_identical"]
+    assert 3 * found["bits_per_point"]["total"] < found["zstd_bits_per_point"]
+    assert found["bits_per_point"]["planes"] > 0.9 * found["bits_per_point"]["total"]
+
+
+def test_fields_are_not_left_out(bag):
+    done = run_here("encode", str(bag), str(bag.with_name("out.mcap")), "--set", "intensity=off")
+    assert done.returncode
+    assert "leave intensity=off out" in the_one_line(done)

@@ -1,0 +1,223 @@
+"""What a user loses if these fail: the very messages of his bag, or the room that they were to save."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import zstandard
+
+from lidarcodec.errors import DecodeError, SectionError
+from lidarcodec.planes.clouds.geometry import cosine_sine, from_ordered, ordered
+from lidarcodec.planes.clouds.section import COLUMNS, ZSTD, bound_of_cloud, decode_cloud, encode_cloud, same_but_near
+from lidarcodec.planes.plane_section import PlaneKind
+from lidarcodec.sensors.clouds.grid import grid_of, places_of
+from lidarcodec.sensors.clouds.message import read_head, read_message
+from tests.point_clouds import message, ouster, plain, ros1, velodyne
+
+VELODYNE = message(velodyne())
+OUSTER = message(ouster(), 16)
+
+
+def shuffled() -> bytes:
+    return message(np.random.default_rng(4).permutation(velodyne()))
+
+
+def other_order() -> bytes:
+    """The same fields in another order, with bytes between them, big endian."""
+    points = velodyne(100)
+    dtype = np.dtype(
+        {
+            "names": ["time", "ring", "z", "intensity", "y", "x"],
+            "formats": [">f4", ">u2", ">f4", ">f4", ">f4", ">f4"],
+            "offsets": [1, 5, 9, 13, 20, 24],
+            "itemsize": 31,
+        }
+    )
+    found = np.frombuffer(np.random.default_rng(9).bytes(31 * len(points)), dtype).copy()
+    for name in dtype.names or ():
+        found[name] = points[name]
+    return message(found, big_endian=True)
+
+
+def with_nan() -> bytes:
+    """NaN, infinite, zero and huge points among others, NaN of odd bits and negative zeros too."""
+    points = velodyne()
+    points["x"][5:9] = np.nan
+    points["y"][20] = np.inf
+    points[["x", "y", "z"]][30] = (0.0, -0.0, 0.0)
+    points["x"][40:44] = 3e38
+    points["z"].view(np.uint32)[50] = 0x7FC12345
+    return message(points, dense=0)
+
+
+def several() -> bytes:
+    """A field of several values, and fields that lie over each other."""
+    dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("normal", "<f4", 3), ("bits", "<f8")])
+    points = np.zeros(500, dtype)
+    for name in "xyz":
+        points[name] = velodyne()[name][:500]
+    points["normal"] = np.random.default_rng(1).normal(0, 1, (500, 3))
+    points["bits"] = -np.arange(500.0)
+    return message(points, counts={"normal": 3})
+
+
+def absolute_times() -> bytes:
+    """Float64 coordinates, and times in seconds since the epoch, as of some drivers."""
+    points = velodyne(100)
+    dtype = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("ring", "<u2"), ("timestamp", "<f8")]
+    found = np.zeros(len(points), dtype)
+    for name in ("x", "y", "z", "ring"):
+        found[name] = points[name]
+    found["timestamp"] = 1_700_000_000.0 + points["time"]
+    return message(found)
+
+
+CLOUDS = {
+    "velodyne": VELODYNE,
+    "ouster": OUSTER,
+    "ouster with nan": message(ouster(nan=True), 16),
+    "ouster without ring order": message(ouster().reshape(16, -1)[::-1].ravel(), 16),
+    "ros1": ros1(VELODYNE),
+    "in no order": message(plain(3000, [("rgb", "<f4"), ("label", "<i2"), ("d", "<f8")])),
+    "shuffled": shuffled(),
+    "without rings": message(velodyne()[["x", "y", "z"]].astype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])),
+    "ring by ring": message(velodyne()[np.argsort(velodyne()["ring"], kind="stable")]),
+    "other order": other_order(),
+    "nan": with_nan(),
+    "all nan": message(np.full(64, np.nan, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")])),
+    "several": several(),
+    "float64": absolute_times(),
+    "empty": message(velodyne()[:0]),
+    "one point": message(velodyne()[:1]),
+    "two points": message(velodyne()[:2]),
+    "padded rows": message(ouster(), 16, padding=b"\1\2\3"),
+    "no coordinates": message(velodyne()[["ring", "time"]].astype([("ring", "<u2"), ("time", "<f4")])),
+    "no fields": message(np.zeros(10, [("x", "<f4")]))[:-60],
+    "one column": message(ouster(1, 64), 64),
+    "tall": message(plain(300), 300),
+    "bytes behind": message(velodyne(50), tail=b"more"),
+}
+
+
+@pytest.mark.parametrize("kind", list(PlaneKind), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("payload", CLOUDS.values(), ids=CLOUDS)
+def test_every_message_comes_back_byte_for_byte(payload, kind):
+    assert decode_cloud(encode_cloud(payload, kind)).payload == payload
+
+
+@pytest.mark.parametrize("bound_m", [0.002, 0.05])
+@pytest.mark.parametrize("payload", CLOUDS.values(), ids=CLOUDS)
+def test_with_a_bound_no_point_is_further_off_and_every_other_byte_stays(payload, bound_m):
+    section = encode_cloud(payload, PlaneKind.QUICK, bound_m)
+    back = decode_cloud(section).payload
+    assert same_but_near(back, payload, bound_m)
+    assert back == payload or bound_of_cloud(section) == pytest.approx(bound_m, abs=1e-6)
+
+
+def test_a_point_beyond_the_bound_or_another_field_is_noticed():
+    points = velodyne(20)
+    other = points.copy()
+    other["y"][3] += 0.02
+    assert same_but_near(message(other), message(points), 0.021)
+    assert not same_but_near(message(other), message(points), 0.019)
+    other["time"][0] = 1.0
+    assert not same_but_near(message(other), message(points), 1.0)
+
+
+@pytest.mark.parametrize(("payload", "most"), [(VELODYNE, 22.0), (OUSTER, 22.0)], ids=["velodyne", "ouster"])
+def test_a_cloud_needs_a_fraction_of_what_zstd_makes_of_it(payload, most):
+    """Sensors measure in whole steps: found, nothing but those and some rounding of float32 is left."""
+    points = int(np.count_nonzero(read_message(payload).returns))
+    section = encode_cloud(payload, PlaneKind.MODELLED)
+    assert section[0] == COLUMNS
+    assert len(section) * 8 / points < most
+    assert 3 * len(section) < len(zstandard.ZstdCompressor(19).compress(payload))
+
+
+def test_a_bound_saves_room():
+    exact, bounded = (encode_cloud(VELODYNE, PlaneKind.MODELLED, bound) for bound in (None, 0.01))
+    assert len(bounded) < 0.8 * len(exact)
+
+
+def test_random_bytes_travel_as_they_are():
+    payload = np.random.default_rng(3).bytes(5000)
+    section = encode_cloud(payload, PlaneKind.MODELLED)
+    assert section[0] == ZSTD
+    assert len(section) < 5100
+    assert decode_cloud(section).payload == payload
+
+
+def test_the_largest_clouds_come_back():
+    points = np.zeros(400_000, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    points["x"] = np.arange(400_000) % 1000
+    payload = message(points)
+    assert decode_cloud(encode_cloud(payload, PlaneKind.ZSTD)).payload == payload
+    with pytest.raises(SectionError, match="limit"):
+        encode_cloud(bytes(33 * 2**20), PlaneKind.ZSTD)
+
+
+def test_mutated_messages_come_back_too():
+    rng = np.random.default_rng(11)
+    small = [message(velodyne(30)), message(ouster(32), 16), ros1(message(velodyne(10)))]
+    for number in range(120):
+        payload = bytearray(small[number % len(small)])
+        head = read_head(bytes(payload)).size
+        for _ in range(int(rng.integers(1, 4))):
+            payload[int(rng.integers(0, head if rng.random() < 0.7 else len(payload)))] = int(rng.integers(0, 256))
+        if rng.random() < 0.2:
+            payload = payload[: int(rng.integers(0, len(payload)))]
+        kind = (PlaneKind.ZSTD, PlaneKind.QUICK)[number % 2]
+        assert decode_cloud(encode_cloud(bytes(payload), kind)).payload == payload
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", [PlaneKind.ZSTD, PlaneKind.QUICK], ids=["zstd", "quick"])
+def test_damaged_sections_are_refused_or_give_some_message(kind):
+    rng = np.random.default_rng(12)
+    for payload in (message(velodyne(30)), message(ouster(32), 16)):
+        section = encode_cloud(payload, kind)
+        for number in range(150):
+            damaged = bytearray(section)
+            if number % 3:
+                damaged[int(rng.integers(0, len(damaged)))] ^= 1 << int(rng.integers(0, 8))
+            else:
+                del damaged[int(rng.integers(0, len(damaged))) :]
+            try:
+                decode_cloud(bytes(damaged))
+            except DecodeError:
+                continue
+
+
+@pytest.mark.parametrize("payload", CLOUDS.values(), ids=CLOUDS)
+def test_no_two_points_share_a_cell_and_their_order_is_known(payload):
+    try:
+        found = read_message(payload)
+    except DecodeError:
+        return
+    grid = grid_of(found)
+    if grid is None:
+        return
+    row, column = places_of(grid.mask(), grid.firing, by_column=grid.by_column)
+    assert np.array_equal(row, grid.row)
+    assert np.array_equal(column, grid.column)
+
+
+def test_columns_are_those_that_fired_though_returns_are_missing():
+    grid = grid_of(read_message(VELODYNE))
+    assert grid is not None
+    assert (grid.rows, grid.columns, grid.by_column) == (16, 300, True)
+    assert grid.firing.tolist() in [[*range(k, 16, 2), *range(1 - k, 16, 2)] for k in (0, 1)] or grid.columns == 300
+
+
+def test_sines_need_no_library_and_are_as_good():
+    turns = np.linspace(-3, 3, 10_001)
+    cosine, sine = cosine_sine(turns)
+    assert np.abs(cosine - np.cos(2 * np.pi * turns)).max() < 1e-14
+    assert np.abs(sine - np.sin(2 * np.pi * turns)).max() < 1e-14
+
+
+def test_float32_in_order_go_there_and_back():
+    bits = np.random.default_rng(1).integers(0, 2**32, 5000, dtype=np.uint32)
+    values = np.concatenate((bits, np.array([0, 1 << 31, 0x7F800000, 0xFF800000], np.uint32))).view(np.float32)
+    assert np.array_equal(from_ordered(ordered(values)).view(np.uint32), values.view(np.uint32))
+    assert np.array_equal(ordered(np.array([-1e-45, -0.0, 0.0, 1e-45], np.float32)), [-2, -1, 0, 1])
