@@ -63,7 +63,7 @@ class PcapOutput:
 class NpzOutput:
     """Images with the sensor's integers, one folder for each frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`,
     `/index`, `/stamp_ns`, `/column_ns` (HDL-64E), further planes by name (other sensors), and `/calibration`, the HASH
-    of the table `calibration/HASH`. A point cloud that came as a message also has `/points`, and `/message`, its bytes."""
+    of the table `calibration/HASH`. A message of a point cloud also has `/points` and `/message`, its bytes."""
 
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
