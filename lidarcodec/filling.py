@@ -20,12 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.frame import Frame
-from lidarcodec.units import LASERS
+from lidarcodec.sensors.images import QUANTITIES
 
-JUMP_STEPS: Final = 125
-"""0.25 m in steps of 2 mm."""
+JUMP_M: Final = 0.25
 JUMP_SHARE: Final = 20
-"""Ranges a and b lie on one surface if |a - b| <= JUMP_STEPS + min(a, b) // JUMP_SHARE."""
+"""Ranges a and b lie on one surface if |a - b| <= JUMP_M in range steps, rounded, + min(a, b) // JUMP_SHARE."""
 WIDEST: Final = 64
 """Largest gap, in columns, that is filled."""
 FOR_PROGRAMS: Final = frozenset({"localise", "detect"})
@@ -52,7 +51,8 @@ def filled(frame: Frame) -> Frame:
     """The frame with returns interpolated between the columns of its lattice, marked in `filled`.
 
     A frame without a lattice is returned unchanged. Intensities between two returns of one surface are interpolated
-    linearly and rounded down; a repeated return keeps its intensity. Cost: 3 ms for a turn of an HDL-64E.
+    linearly and rounded down; a repeated return keeps its intensity. Of other sensors so are `signal` and `near_ir`;
+    all else, such as second returns, is 0 there. Cost: 3 ms for a turn of an HDL-64E.
     """
     columns = frame.lattice
     if columns is None or len(columns) < 2 or frame.filled is not None:
@@ -60,21 +60,27 @@ def filled(frame: Frame) -> Frame:
     places = columns.astype(np.int64)
     gaps = places[1:] - places[:-1]
     known = frame.range[:, columns].astype(np.int64)
-    shades = frame.intensity[:, columns].astype(np.int64)
+    images = {"intensity": frame.intensity, **{name: frame.planes[name] for name in frame.planes if name in QUANTITIES}}
+    shades = {name: image[:, columns].astype(np.int64) for name, image in images.items()}
     a, b = known[:, :-1], known[:, 1:]
     near = np.minimum(a, b)
-    one_surface = (near > 0) & (np.abs(a - b) <= JUMP_STEPS + near // JUMP_SHARE)
-    wide, shade = frame.range.copy(), frame.intensity.copy()
-    marked = np.zeros((LASERS, frame.width), np.bool_)
+    jump = round(JUMP_M / frame.sensor.range_step_m)
+    one_surface = (near > 0) & (np.abs(a - b) <= jump + near // JUMP_SHARE)
+    wide = frame.range.copy()
+    toned = {name: image.copy() for name, image in images.items()}
+    marked = np.zeros(frame.range.shape, np.bool_)
     for place in range(1, int(min(gaps.max(), WIDEST))):
         inside = np.flatnonzero((place < gaps) & (gaps <= WIDEST))
         gap, into = gaps[inside], places[inside] + place
         left, right, line = a[:, inside], b[:, inside], one_surface[:, inside]
         made = np.where(line, between(left, right, place, gap), _nearest(left, right, place, gap))
-        left, right = shades[:, inside], shades[:, inside + 1]
-        tone = np.where(line, (left * (gap - place) + right * place) // gap, _nearest(left, right, place, gap))
-        wide[:, into], shade[:, into], marked[:, into] = made, np.where(made > 0, tone, 0), made > 0
-    return frame.with_(range=wide, intensity=shade, filled=marked)
+        wide[:, into], marked[:, into] = made, made > 0
+        for name, shade in shades.items():
+            left, right = shade[:, inside], shade[:, inside + 1]
+            tone = np.where(line, (left * (gap - place) + right * place) // gap, _nearest(left, right, place, gap))
+            toned[name][:, into] = np.where(made > 0, tone, 0)
+    intensity = toned.pop("intensity")
+    return frame.with_(range=wide, intensity=intensity, planes={**frame.planes, **toned}, filled=marked)
 
 
 def made_up(frame: Frame) -> npt.NDArray[np.bool_]:

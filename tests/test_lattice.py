@@ -16,7 +16,7 @@ from lidarcodec import api
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
-from lidarcodec.filling import JUMP_STEPS, between, filled, measured_only
+from lidarcodec.filling import JUMP_M, between, filled, measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import Lattice, columns_of, expanded, lattice_of, on_lattice, phase_of, thinned
 from lidarcodec.message import SectionType
@@ -24,10 +24,12 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import Position
 from lidarcodec.thinned_stream import lattice_bytes, read_lattice
+from lidarcodec.units import RANGE_STEP_M
 from lidarcodec.wire import pack, unpack
 from tests.contracts import frames as made
 from tests.positions import position
 
+JUMP = round(JUMP_M / RANGE_STEP_M)
 FRAMES = {
     "scene": made.scene(4),
     "three to one": made.three_to_one(4),
@@ -147,7 +149,7 @@ def test_azimuths_between_columns_are_the_nearest_on_a_straight_line(azimuths: l
 
 @given(st.integers(1, 65535), st.integers(1, 64), st.data())
 def test_what_is_made_up_lies_between_its_neighbours(a: int, gap: int, data: st.DataObject) -> None:
-    near = data.draw(st.integers(max(1, a - JUMP_STEPS), min(65535, a + JUMP_STEPS)))
+    near = data.draw(st.integers(max(1, a - JUMP), min(65535, a + JUMP)))
     place = data.draw(st.integers(0, gap))
     (made_up,) = between(np.array([a]), np.array([near]), place, gap)
     assert min(a, near) <= made_up <= max(a, near)

@@ -26,9 +26,9 @@ def packets_of(frame: Frame) -> list[Packet]:
     side = frame.side
     if side is None:
         raise SectionError("this frame has no side information, so it cannot be turned back into packets")
+    frame = measured_only(frame)
     if isinstance(side, PacketRest):
         return _with_positions(payloads_of(frame), side.packet_ns, side.positions, frame.stamp_ns)
-    frame = measured_only(frame)
     range_, intensity = frame.range, frame.intensity
     if frame.keep is not None:
         range_ = np.where(frame.keep, range_, np.uint16(0))

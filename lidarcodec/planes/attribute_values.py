@@ -18,14 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.planes.intensity import LOSSLESS_LEVELS
-from lidarcodec.sensors.images import Plane, Unsigned
+from lidarcodec.sensors.images import QUANTITIES, Plane, Unsigned
 from lidarcodec.settings import StreamSettings
 
 TOP: Final = 255
 """End of the scale."""
 ROUNDING: Final = 1e-9
-QUANTITIES: Final = frozenset({"intensity", "signal", "near_ir"})
-"""Attributes that measure something. All others, such as `flags`, are sent as they are: they cost next to nothing."""
 
 Floats = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -80,6 +78,8 @@ class Few(NamedTuple):
 
 def reduced(forms: Sequence[Plane], planes: Mapping[str, Unsigned], quality: AttributeQuality) -> Few:
     """The planes with attributes of few values, which are 0 without a return; first and second returns share a table.
+
+    Attributes that are no quantities, such as `flags`, keep their values: they cost next to nothing.
 
     planes: (H, W) each, by name; quality: neither off nor lossless. Cost: 2 ms for a plane of 131,072 cells.
     """

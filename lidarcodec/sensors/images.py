@@ -27,6 +27,9 @@ MAX_PLANES = 12
 MAX_CELLS = 1 << 23
 """Most numbers of all planes of a frame."""
 
+QUANTITIES = frozenset({"intensity", "signal", "near_ir"})
+"""Attributes of first returns that measure something, so that a value between two others means something."""
+
 PlaneRole = Literal["range", "second range", "attribute"]
 
 

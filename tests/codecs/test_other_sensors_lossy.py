@@ -16,12 +16,13 @@ from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.errors import DecodeError, SettingsError
 from lidarcodec.evaluation.round_trip import RoundTrip
 from lidarcodec.evaluation.verify import promise_of
+from lidarcodec.filling import filled, made_up, measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
-from lidarcodec.planes.attribute_values import QUANTITIES, scale_of
-from lidarcodec.sensors.images import PacketLayout, Unsigned
+from lidarcodec.planes.attribute_values import scale_of
+from lidarcodec.sensors.images import QUANTITIES, PacketLayout, Unsigned
 from lidarcodec.settings import settings_from
 from tests.codecs.test_other_sensors import FILES, SMALL, opened, used
 from tests.fuzz.mutations import mutated
@@ -197,3 +198,26 @@ def test_a_frame_without_returns_can_have_few_values() -> None:
         }
         assert not decoded.points
     assert StreamDecoder().flush() == []
+
+
+@pytest.mark.parametrize("capture", [*SMALL, "OS-2-128-U1_v2.3.0_1024x10"])
+def test_what_a_receiver_fills_in_is_marked_and_can_be_taken_out(capture: str) -> None:
+    frame, layout = framed(capture)
+    _, _, decoded = there_and_back(frame, {"reduction": "lattice:4"})
+    shown = filled(decoded)
+    assert shown.filled is not None
+    assert shown.filled.any()
+    assert decoded.lattice is not None
+    assert not shown.filled[:, decoded.lattice].any()
+    assert shown.points == decoded.points + np.count_nonzero(shown.filled)
+    assert np.count_nonzero(made_up(shown)) == np.count_nonzero(shown.filled)
+    assert len(shown.cloud()) == shown.points
+    for name, image in all_planes(shown, layout).items():
+        if name.endswith("2"):
+            assert not image[shown.filled].any()  # no second return is made up
+    for name, image in all_planes(measured_only(shown), layout).items():
+        np.testing.assert_array_equal(image, all_planes(decoded, layout)[name])
+    assert [one.payload for one in packets_of(shown)] == [one.payload for one in packets_of(decoded)]
+    between = shown.filled[:, :-8]
+    off = np.abs(shown.range[:, :-8].astype(float) - frame.range[:, :-8])[between & (frame.range[:, :-8] > 0)]
+    assert np.median(off) * frame.sensor.range_step_m < 0.25
