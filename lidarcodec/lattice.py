@@ -1,7 +1,7 @@
 """A frame thinned to some of its columns: it is coded as a narrower frame, and the receiver restores the full width.
 
 To a codec a thinned frame is a narrow frame, so bits for mask and azimuths shrink with the columns. A LATTICE section
-of the message lists the columns (thinned_stream.py). The first and the last column are always sent, so that all
+of the message lists the columns (planes/lattice_section.py). The first and the last column are always sent, so that all
 columns between can be filled in (filling.py).
 
 >>> columns_of(width=12, step=4, phase=2).tolist()

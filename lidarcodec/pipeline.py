@@ -15,15 +15,16 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
-from lidarcodec.codecs.other_sensors import PlaneDecoder, other_encoder
+from lidarcodec.codecs.other_sensors import KINDS, PlaneDecoder, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
-from lidarcodec.message import Message
+from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
+from lidarcodec.ratecontrol.image_curve import PROBED, PROBED_BOUND_M, ImageKind, kind_of
 from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.reduction.thinning import Thinning
@@ -75,13 +76,14 @@ def check(settings: StreamSettings) -> StreamSettings:
 
 
 def check_offline(settings: StreamSettings) -> StreamSettings:
-    """The settings with codec `auto` replaced, for work without a network and without a clock.
+    """The settings themselves, if they are for work without a network and without a clock.
 
     Raises SettingsError for a setting that only a live stream can have.
     """
     if settings.target_kbps == AUTO:
         raise SettingsError("target_kbps=auto works only in live streams: give a number of kbit/s here", "target_kbps")
-    return without_auto(settings)
+    without_auto(settings)
+    return settings
 
 
 class StreamEncoder:
@@ -102,7 +104,10 @@ class StreamEncoder:
         make_encoder: Callable[[StreamSettings, int], Encoder] = table.make_encoder,
     ) -> None:
         self._make_encoder = make_encoder
-        self.settings = without_auto(check(settings or StreamSettings()))
+        self._asked = check(settings or StreamSettings())
+        self._hdl64e = True
+        """Whether frames of an HDL-64E are coded now."""
+        self.settings = self._resolved(self._asked)
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._reducing, self._thinning = Reducing(self.settings), Thinning(self.settings)
         self._encoder = make_encoder(self.settings, self.stream_id)
@@ -111,6 +116,9 @@ class StreamEncoder:
         self._held: list[Message] = []
         self._other: Encoder | None = None
         """Codes frames of other sensors than the HDL-64E."""
+        self._of: str | None = None
+        """Hash of the sensor whose frames that is."""
+        self._images: ImageKind | None = None
         self._lattices = LatticeNotes()
         self._last_index = -1
         self._index_again = False
@@ -119,14 +127,39 @@ class StreamEncoder:
         self.left_out = False
         """Whether the last frame was not encoded, because the target bitrate does not carry all frames."""
 
+    def prepare(self, sensor: SensorModel) -> bool:
+        """Be ready for frames of this sensor; `encode` does so by itself. True: a key message comes next.
+
+        Raises SettingsError if this sensor cannot have the settings, MissingExtraError for a codec that is not
+        installed; nothing has changed then.
+        """
+        if sensor.is_hdl64e:
+            if self._hdl64e:
+                return False
+            settings, other = without_auto(self._asked), None
+        else:
+            if self._of == sensor.hash:
+                return False
+            settings = without_auto(self._asked, KINDS)
+            other = other_encoder(settings, self.stream_id)
+        if settings.codec != self.settings.codec:
+            fresh = self._make_encoder(settings, self.stream_id)
+            self._held += self._flushed()
+            self._encoder = fresh
+        self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
+        self._of, self._images = None if self._hdl64e else sensor.hash, None
+        self._thinning = Thinning(settings, self._thinning, hdl64e=self._hdl64e)
+        self._rate = self._rate_control(settings)
+        self._steer()
+        return True
+
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for a key frame."""
-        if frame.sensor.is_hdl64e != (self._other is None):
-            self._other, key = None if frame.sensor.is_hdl64e else other_encoder(self.settings, self.stream_id), True
+        if self.prepare(frame.sensor):
+            key = True
+        if not self._hdl64e and self._images is None:
+            self._look_at(frame)
         frame = self._reducing.reduce(measured_only(frame))
-        if self._other is not None:
-            held, self._held, self.reduced, self.left_out = self._held, [], frame, False
-            return held + self._other.encode(frame, key=key)
         held, self._held = self._held, []
         rate, key = self._rate, key or self._index_again
         self.left_out = rate is not None and not key and rate.leaves_out(frame)
@@ -138,38 +171,45 @@ class StreamEncoder:
         return held + messages
 
     def _coded_to_rate(self, frame: Frame, rate: RateControl, *, key: bool) -> list[Message]:
-        key_is_due = key or (rate.dear and self._encoder.apply(rate.settings))
-        self._encoder.apply(rate.settings_for(frame, key=key_is_due))
+        coder = self._coder
+        key_is_due = key or (rate.dear and coder.apply(rate.settings))
+        coder.apply(rate.settings_for(frame, key=key_is_due))
         messages = self._coded(self._thinning.thin(frame, rate.step), key=key)
         if rate.spilled(frame, messages):
-            self._encoder.apply(rate.settings_for(frame, key=True))
+            coder.apply(rate.settings_for(frame, key=True))
             messages = self._coded(self._thinning.thin(frame, rate.step), key=True)
         rate.sent(frame, messages)
         return messages
 
     def _coded(self, frame: Frame, *, key: bool) -> list[Message]:
         self.reduced = frame
+        if self._other is not None:  # its messages hold the lattice themselves
+            return self._other.encode(frame, key=key)
         messages = self._encoder.encode(thinned(frame), key=key)
         self._lattices.goes_in(frame)
         return [self._lattices.noted(message) for message in messages]
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
-        checked = without_auto(check(settings))
-        reducing, thinning = Reducing(checked, self._reducing), Thinning(checked, self._thinning)
-        other = None if self._other is None else other_encoder(checked, self.stream_id)
+        checked = self._resolved(check(settings))
+        if checked.target_kbps is not None and self.settings.target_kbps is None:
+            self._images = None
+        reducing = Reducing(checked, self._reducing)
+        thinning = Thinning(checked, self._thinning, hdl64e=self._hdl64e)
+        other = None if self._hdl64e else other_encoder(checked, self.stream_id)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)
             if self._rate is not None and checked.target_kbps is not None:
                 self._rate.apply(checked)
             else:
-                self._rate = self._rate_control(checked)
+                self._rate = self._rate_control(checked, images=self._images)
         else:
             fresh = self._make_encoder(checked, self.stream_id)
             self._held += self._flushed()
-            self._rate = self._rate_control(checked, self._rate)
+            self._rate = self._rate_control(checked, self._rate, self._images)
             self._encoder, key = fresh, True
         self._steer()
+        self._asked = settings
         self._reducing, self._thinning, self.settings, self._other = reducing, thinning, checked, other
         return key or other is not None
 
@@ -213,6 +253,11 @@ class StreamEncoder:
         return None if control is None else control.report()
 
     @property
+    def images(self) -> ImageKind | None:
+        """What rate control knows of the sensor; None before its first frame, and of an HDL-64E."""
+        return self._images
+
+    @property
     def reduction(self) -> dict[str, Any] | None:
         """How frames are reduced: `name`, number of `returns` in the last frame, how many are `kept`, figures of the
         reducer, and a `note` for people who choose it; None where all returns are sent."""
@@ -228,9 +273,36 @@ class StreamEncoder:
         if isinstance(self._encoder, Steered):
             self._encoder.steer(self._rate)
 
+    @property
+    def _coder(self) -> Encoder:
+        """What codes the frames of the sensor that sends now."""
+        return self._encoder if self._other is None else self._other
+
+    def _look_at(self, frame: Frame) -> None:
+        """Find out what rate control has to know of a sensor, at its first frame; with a target that takes two more
+        encodings, which tell what ranges and attributes take."""
+        if self.settings.target_kbps is None:
+            self._images = kind_of(frame)
+            return
+        bits = []
+        for intensity in ("off", f"levels={PROBED}"):
+            settings = self.settings.model_copy(update={"intensity": intensity, "max_error_m": PROBED_BOUND_M})
+            (message,) = other_encoder(settings, self.stream_id).encode(frame)
+            bits.append(8.0 * sum(len(one.data) for one in message.sections if one.type == SectionType.PLANES))
+        self._images = kind_of(frame, bits[1] - bits[0])
+        self._rate = self._rate_control(self.settings, images=self._images)
+        if self._rate is not None and frame.points:
+            self._rate.begin_with(bits[0] / frame.points)
+
+    def _resolved(self, settings: StreamSettings) -> StreamSettings:
+        """The settings with a codec that takes the sensor's frames in place of `auto`."""
+        return without_auto(settings) if self._hdl64e else without_auto(settings, KINDS)
+
     @staticmethod
-    def _rate_control(settings: StreamSettings, before: RateControl | None = None) -> RateControl | None:
-        return None if settings.target_kbps is None else RateControl(settings, before)
+    def _rate_control(
+        settings: StreamSettings, before: RateControl | None = None, images: ImageKind | None = None
+    ) -> RateControl | None:
+        return None if settings.target_kbps is None else RateControl(settings, before, images)
 
 
 class StreamDecoder:

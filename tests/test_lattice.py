@@ -21,9 +21,9 @@ from lidarcodec.frame import Frame
 from lidarcodec.lattice import Lattice, columns_of, expanded, lattice_of, on_lattice, phase_of, thinned
 from lidarcodec.message import SectionType
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import Position
-from lidarcodec.thinned_stream import lattice_bytes, read_lattice
 from lidarcodec.units import RANGE_STEP_M
 from lidarcodec.wire import pack, unpack
 from tests.contracts import frames as made

@@ -28,6 +28,7 @@ from lidarcodec.motion.motion import is_rigid
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.attribute_values import AttributeQuality, reduced
 from lidarcodec.planes.clouds.section import decode_cloud, encode_cloud
+from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
 from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
 from lidarcodec.planes.sections import pose_sections, position_sections
@@ -35,7 +36,6 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.sensors.images import PacketLayout, Plane, Unsigned
 from lidarcodec.settings import AUTO, StreamSettings, step_of
-from lidarcodec.thinned_stream import lattice_bytes, read_lattice
 
 POSE_BYTES: Final = 96
 KINDS: Final = {
@@ -57,11 +57,6 @@ def check_other(settings: StreamSettings) -> StreamSettings:
     if settings.codec not in (*KINDS, AUTO):
         able = ", ".join(KINDS)
         raise SettingsError(f"codec {settings.codec} takes only frames of an HDL-64E: choose one of {able}", "codec")
-    if settings.target_kbps is not None:
-        text = (
-            "a target bitrate works only with an HDL-64E: leave target_kbps out, and set max_error_m or intensity=off"
-        )
-        raise SettingsError(f"{text} to send less", "target_kbps")
     if settings.reduction in ONLY_HDL64E:
         raise SettingsError(
             f"reduction {settings.reduction} works only with an HDL-64E: choose voxel, random, columns:n or lattice:n",

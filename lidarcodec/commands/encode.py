@@ -50,6 +50,7 @@ def run(
         stoppable(source.finish if source.live else None) as stopped,
         whole(out, force=force) as output,
     ):
+        encoder.prepare(source.sensor)
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
             frames_of(

@@ -69,6 +69,7 @@ def bench(
         encoder.learn(0)
     run = _Run(encoder, StreamDecoder(), more=MoreErrors() if metrics == "all" else None)
     with open_source(spec, calibration=calibration, poses=poses) as source:
+        encoder.prepare(source.sensor)
         cut = frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
             run.frame(posed(frame, source.poses if poses else None), payloads)

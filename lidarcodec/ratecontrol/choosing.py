@@ -11,7 +11,7 @@ Operating curves give the quality of a codec at a target. The caller measures en
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -67,12 +67,15 @@ def with_codec(settings: StreamSettings, name: str) -> StreamSettings:
     return settings.model_copy(update={"codec": name})
 
 
-def without_auto(settings: StreamSettings) -> StreamSettings:
+def without_auto(settings: StreamSettings, among: Collection[str] | None = None) -> StreamSettings:
     """The settings themselves, or with the first of `ranked` in place of `auto`: the choice if time does not matter.
 
+    among: names of the codecs that take the sensor's frames; all by default
     Raises the errors of `with_codec`.
     """
-    return settings if settings.codec != AUTO else with_codec(settings, ranked(settings)[0])
+    if settings.codec != AUTO:
+        return settings
+    return with_codec(settings, next(name for name in ranked(settings) if among is None or name in among))
 
 
 def choice(settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: float) -> Choice:

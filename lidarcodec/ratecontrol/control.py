@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+import numpy as np
+
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
@@ -34,6 +36,8 @@ from lidarcodec.ratecontrol.controller import (
 )
 from lidarcodec.ratecontrol.curve import Curve, Pins, WorkingPoint, operating_curve
 from lidarcodec.ratecontrol.fitting import fitted
+from lidarcodec.ratecontrol.image_curve import ImageKind, image_curve, range_bits, seconds_of
+from lidarcodec.ratecontrol.model import MAX_ROUGHNESS, tilt
 from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 from lidarcodec.units import FIRINGS_PER_PACKET, PACKET_INTERVAL_US
 from lidarcodec.wire import size_of
@@ -56,12 +60,20 @@ class RateControl:
     Raises SettingsError if the codec has no knob, or the settings have no target.
     """
 
-    def __init__(self, settings: StreamSettings, before: RateControl | None = None) -> None:
-        """before: the control of this stream with the previous codec; its learned state is kept"""
+    def __init__(
+        self, settings: StreamSettings, before: RateControl | None = None, images: ImageKind | None = None
+    ) -> None:
+        """before: the control of this stream with the previous codec; its learned state is kept
+
+        images: of the sensor, if that is another one than an HDL-64E
+        """
+        self._images: Final = images
         self._settings: StreamSettings
         self._plan: Plan
         self._auto_kbps = START_KBPS if before is None else before._plan.target_bps / 1e3
         self._state: RateState = RateState() if before is None else before._state
+        self._usual_s: float | None = PACKET_S if images is None else None
+        """Time of a packet, before stamps tell; None: as the first frame says."""
         self._packet_s: float = PACKET_S if before is None else before._packet_s
         self._last: tuple[int, int, int] | None = None if before is None else before._last
         self._logged_reached: bool = before is None or before._logged_reached
@@ -87,6 +99,13 @@ class RateControl:
         self._level = _nearest_to(at, self._plan.curve)
         if self._plan.target_bps != target_bps:
             self._state = retargeted(self._state)
+
+    def begin_with(self, bits: float) -> None:
+        """Before the first frame of another sensor than an HDL-64E: what a range took when it was tried, in bits."""
+        if self._images is not None and bits > 0.0:
+            guess = range_bits(self._settings.codec, self._images)
+            roughness = math.log(bits / guess) / float(tilt(np.array([guess]))[0])
+            self._state = replace(self._state, roughness=min(max(roughness, -MAX_ROUGHNESS), MAX_ROUGHNESS))
 
     def aim(self, target_kbps: float) -> None:
         """With the target `auto`: set the present bitrate of the path. Debts are kept. A fixed target does not
@@ -165,7 +184,7 @@ class RateControl:
         load = _sum([known.get(frame.index) or self._load(frame) for frame in frames])
         at = self.point
         pins = pins_of(self._settings)._replace(step=at.step, levels=at.levels)
-        plan = replace(self._plan, curve=operating_curve(self._settings.codec, pins))
+        plan = replace(self._plan, curve=self._curve(pins))
         points = plan.curve.points
         level, data = fitted(
             self._state, plan, load, 8.0 * size_of(message), lambda level: code(self._at(points[level]))
@@ -229,7 +248,11 @@ class RateControl:
             model += f" {settings.reduction} {settings.keep_points} {settings.keep_fraction}"
         self._settings, self._knob = settings, knob
         target_kbps = self._auto_kbps if settings.target_kbps == AUTO else float(settings.target_kbps)
-        self._plan = Plan(1e3 * target_kbps, model, operating_curve(settings.codec, pins_of(settings)), knob.renewal)
+        self._plan = Plan(1e3 * target_kbps, model, self._curve(pins_of(settings)), knob.renewal)
+
+    def _curve(self, pins: Pins) -> Curve:
+        codec = self._settings.codec
+        return operating_curve(codec, pins) if self._images is None else image_curve(codec, pins, self._images)
 
     def _reached(self) -> bool:
         """Whether the target is reached. With target `auto` the mean of five seconds is not compared. If even the
@@ -247,13 +270,16 @@ class RateControl:
         whole = frame.keep is None or frame.lattice is not None
         returns = frame.points if whole else int(frame.valid.sum())
         packets = _packets(frame)
+        if self._usual_s is None:
+            self._usual_s = self._packet_s = seconds_of(frame) / packets
         return Load(returns, packets, packets * self._packet_s)
 
     def _follow_stamps(self, frame: Frame) -> None:
         if self._last is not None:
             index, stamp_ns, packets = self._last
             packet_s = (frame.stamp_ns - stamp_ns) * 1e-9 / (packets * max(frame.index - index, 1))
-            if PACKET_S / STAMP_FACTOR <= packet_s <= PACKET_S * STAMP_FACTOR:
+            usual_s = self._usual_s or PACKET_S
+            if usual_s / STAMP_FACTOR <= packet_s <= usual_s * STAMP_FACTOR:
                 self._packet_s += STAMP_GAIN * (packet_s - self._packet_s)
         self._last = frame.index, frame.stamp_ns, _packets(frame)
 
@@ -311,8 +337,9 @@ def _packets(frame: Frame) -> int:
 def _sizes(message: Message) -> Sizes:
     bits = {SectionType.RANGE: 0.0, SectionType.INTENSITY: 0.0, SectionType.CALIBRATION: 0.0}
     for section in message.sections:
-        if section.type in bits:
-            bits[SectionType(section.type)] += 8.0 * len(section.data)
+        kind = SectionType.RANGE if section.type == SectionType.PLANES else section.type
+        if kind in bits:
+            bits[SectionType(kind)] += 8.0 * len(section.data)
     return Sizes(
         range=bits[SectionType.RANGE],
         intensity=bits[SectionType.INTENSITY],

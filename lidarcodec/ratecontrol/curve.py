@@ -132,7 +132,7 @@ def has_curve(codec: str) -> bool:
     return codec in _measured()
 
 
-def _points(codec: str, purpose: Purpose) -> dict[str, Any]:
+def points_of(codec: str, purpose: Purpose) -> dict[str, Any]:
     """The measured points of a codec. If it was not measured: of the measured codec with the same knob and the most
     bits.
 
@@ -159,7 +159,7 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
     if pins.purpose in ("localise", "detect") and pins.levels is None:
         pins = pins._replace(levels=0)
     thinned = pins.purpose != "localise" or pins.step is None
-    entry = _points(codec, pins.purpose if thinned else "look")
+    entry = points_of(codec, pins.purpose if thinned else "look")
     values, grids = _fine(entry, codec, pins.bound_m)
     steps = np.array(entry["steps"])
     levels = np.array(entry["levels"])
@@ -182,7 +182,7 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
                  grids["chamfer_m"][at, chosen], ones * shades[at, of]]
             )  # fmt: skip
     found = np.array([np.concatenate(column) for column in zip(*parts, strict=True)])
-    cost = found[6] + _missed(found[7])
+    cost = found[6] + missed(found[7])
     kept = chain(found[3] + found[4] + found[5], cost, found[[0, 6, 7]])
     points = tuple(
         WorkingPoint(pins.step or int(step), float(value), int(level) if pins.levels is None else pins.levels)
@@ -192,7 +192,7 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
     return Curve(points, ranges, intensity, rest, cost[kept], chamfer_m, rmse)
 
 
-def _missed(rmse: Floats) -> Floats:
+def missed(rmse: Floats) -> Floats:
     """Weights of RMSEs of intensity in metres; same shape."""
     beyond = INTENSITY_KNEE * np.log(np.maximum(rmse / INTENSITY_KNEE, 1.0))
     missed: Floats = INTENSITY_M * np.minimum(rmse, INTENSITY_KNEE) ** 2 + INTENSITY_BEYOND_M * beyond

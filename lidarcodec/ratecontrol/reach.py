@@ -14,10 +14,12 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from lidarcodec.codecs import table
+from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
 from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_curve
+from lidarcodec.ratecontrol.image_curve import ImageKind, image_curve
 from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
@@ -52,61 +54,69 @@ def pinned(settings: StreamSettings) -> list[str]:
     return [name for name, free in FREE.items() if getattr(settings, name) != free] + own
 
 
-def least_kbps(settings: StreamSettings) -> float | None:
-    """Predicted bitrate of the smallest working point with all frames; None if it was not measured."""
-    settings = without_auto(settings)
+def least_kbps(settings: StreamSettings, images: ImageKind | None = None) -> float | None:
+    """Predicted bitrate of the smallest working point with all frames; None if it was not measured.
+
+    images: of the sensor, if it is not an HDL-64E
+    """
+    settings = without_auto(settings, None if images is None else KINDS)
     if table.codec(settings.codec).knob is None or not has_curve(settings.codec):
         return None
     if settings.reduces and settings.reduction.partition(":")[0] != LATTICE:
         return None
+    if images is not None:
+        return float(image_curve(settings.codec, pins_of(settings), images).bits[0]) * images.returns_per_s / 1e3
     curve = operating_curve(settings.codec, pins_of(settings))
     return float(curve.bits[0]) * RETURNS_A_SECOND / 1e3
 
 
-def in_the_way(settings: StreamSettings) -> tuple[str, ...]:
-    """Names of the pinned settings without which frames would be clearly smaller."""
-    least = least_kbps(settings)
+def in_the_way(settings: StreamSettings, images: ImageKind | None = None) -> tuple[str, ...]:
+    """Names of the pinned settings without which frames would be clearly smaller. images: as in `least_kbps`"""
+    least = least_kbps(settings, images)
     names = pinned(settings)
     if least is None:
         return tuple(name for name in names if name == "reduction")
-    return tuple(name for name in names if (least_kbps(_freed(settings, [name])) or least) < LOWERS * least)
+    return tuple(name for name in names if (least_kbps(_freed(settings, [name]), images) or least) < LOWERS * least)
 
 
-def reach_warning(settings: StreamSettings) -> ReachWarning | None:
+def reach_warning(settings: StreamSettings, images: ImageKind | None = None) -> ReachWarning | None:
     """The warning before a target is tried that probably cannot carry all frames; None if it can, or if there is no
-    target."""
-    least = least_kbps(settings)
+    target. images: as in `least_kbps`"""
+    least = least_kbps(settings, images)
     if not isinstance(settings.target_kbps, int | float) or least is None or settings.target_kbps >= SURE * least:
         return None
-    names = in_the_way(settings)
+    names = in_the_way(settings, images)
     message = f"{_kbps(settings.target_kbps)} cannot carry every frame: about {least:,.0f} are needed"
     if names:
         message += f" with {_listed(names)} as set"
     return ReachWarning(
         "target_out_of_reach",
         message,
-        _remedy(settings, names, least),
+        _remedy(settings, names, least, images),
         names,
         asked_kbps=float(settings.target_kbps),
         needed_kbps=round(least, 1),
     )
 
 
-def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> ReachWarning | None:
+def missed_warning(
+    settings: StreamSettings, rate: Mapping[str, Any] | None, images: ImageKind | None = None
+) -> ReachWarning | None:
     """The warning for a stream that misses its target, or reaches it only by skipping frames; otherwise None.
 
     rate: the field `rate` of a status with these settings; its fields may be missing. None: no status yet
+    images: as in `least_kbps`
     """
     if settings.target_kbps is None or table.codec(without_auto(settings).codec).knob is None:
         return None
     ends = (rate or {}).get("reachable_kbps")
     if not rate or not ends:
-        return reach_warning(settings)
+        return reach_warning(settings, images)
     asked, sent, needed = rate.get("target_kbps"), rate.get("kbps_5s"), float(ends[0])
     if not asked:
         return None
     path = " that the path carries" if settings.target_kbps == AUTO else ""
-    names = in_the_way(settings)
+    names = in_the_way(settings, images)
     because = f" with {_listed(names)} as set" if names else ""
     if not path and sent is not None and sent > asked * (1.0 + TOLERANCE):
         code = "target_missed"
@@ -116,7 +126,7 @@ def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> 
         message = f"the {_kbps(asked)}{path} do not carry every frame: {needed:,.0f} are needed{because}"
     else:
         return None
-    return ReachWarning(code, message, _remedy(settings, names, needed), names, asked, sent, needed)
+    return ReachWarning(code, message, _remedy(settings, names, needed, images), names, asked, sent, needed)
 
 
 def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
@@ -125,7 +135,7 @@ def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
     return settings.changed(codec_settings=own, **{name: FREE[name] for name in names if name in FREE})
 
 
-def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> str:
+def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float, images: ImageKind | None) -> str:
     """What to do if all frames need `needed` kbit/s."""
     instead = (
         "choose another codec, or use a better path"
@@ -134,7 +144,7 @@ def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> 
     )
     if not names:
         return instead if settings.target_kbps == AUTO else f"{instead}, or choose another codec"
-    least, free = least_kbps(settings), least_kbps(_freed(settings, list(names)))
+    least, free = least_kbps(settings, images), least_kbps(_freed(settings, list(names)), images)
     takes = f", which needs about {needed * free / least:,.0f} kbit/s" if least and free else ""
     return f"set {_listed(names)} back{takes}, or {instead}"
 

@@ -14,6 +14,7 @@ from lidarcodec.settings import AUTO, Purpose, StreamSettings
 from lidarcodec_server.fleet.control import State
 from lidarcodec_server.fleet.fleet import Stream
 from lidarcodec_server.store.store import Entry
+from lidarcodec_server.told import images_told
 
 
 class WarningAnswer(BaseModel):
@@ -75,7 +76,7 @@ def _missed(stream: Stream) -> ReachWarning | None:
     rate = status.get("rate") if status.get("settings") == settings.model_dump() else None
     if settings.codec == AUTO and stream.codec is not None:
         settings = settings.model_copy(update={"codec": stream.codec})
-    return missed_warning(settings, rate) if _known(settings) else None
+    return missed_warning(settings, rate, images_told(status)) if _known(settings) else None
 
 
 def _known(settings: StreamSettings | None) -> TypeGuard[StreamSettings]:
@@ -124,7 +125,7 @@ class ChangeAnswer(BaseModel):
         """From the state of a stream's settings after a change."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
         in_force = state.applied or desired
-        warnings = WarningAnswer.several(reach_warning(in_force) if _known(in_force) else None)
+        warnings = WarningAnswer.several(reach_warning(in_force, state.images) if _known(in_force) else None)
         return cls(applied=state.applied, desired=desired, first_frame=state.first_frame, warnings=warnings)
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.apps.reports import COUNTED, COUNTED_TIMES, MEASURED, SUMMED
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.errors import SettingsError
+from lidarcodec.ratecontrol.image_curve import MOST_ATTRIBUTES, ImageKind
 from lidarcodec.settings import StreamSettings, is_name, settings_from
 from lidarcodec.untrusted.json import read_object
 
@@ -196,6 +197,7 @@ _FIELDS: Final[dict[str, Check]] = {
             frames_left_out=number,
         )
     ),
+    "images": or_null(record(spacing=number, attributes=number, range_step_m=number, returns_per_s=number)),
     "reduction": or_null(
         record(
             name=_name,
@@ -275,6 +277,26 @@ def known_settings(values: Any) -> StreamSettings | None:
         return settings_from(known)
     except SettingsError:
         return None
+
+
+_IMAGES: Final = {
+    "spacing": (0.1, 64.0),
+    "attributes": (0.0, MOST_ATTRIBUTES),
+    "range_step_m": (0.0005, 1.0),
+    "returns_per_s": (1.0, 1e9),
+}
+"""What a vehicle may say of its sensor's images, from least to most."""
+
+
+def images_told(status: dict[str, Any] | None) -> ImageKind | None:
+    """What a status says of the images of another sensor than an HDL-64E; None where it says nothing that can be."""
+    told = (status or {}).get("images")
+    if not isinstance(told, dict) or any(
+        not isinstance(told.get(name), int | float) or not least <= told[name] <= most
+        for name, (least, most) in _IMAGES.items()
+    ):
+        return None
+    return ImageKind(**{name: told[name] for name in _IMAGES})
 
 
 def check_settings_size(values: dict[str, Any]) -> None:

@@ -104,16 +104,36 @@ def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packet
 @pytest.mark.data
 def test_settings_that_such_a_sensor_cannot_have_are_refused_by_name(data_file):
     path = data_file(CAPTURES["vlp16"])
-    for words in (["codec=jpeg"], ["codec=pcodec", "target_kbps=500"], ["codec=pcodec", "reduction=voxel-seen"]):
+    for words in (["codec=jpeg"], ["codec=pcodec", "reduction=voxel-seen"]):
         told = run("publish", path, *(part for word in words for part in ("--set", word)))
         assert told.returncode == 2
         assert "HDL-64E" in the_one_line(told)
     network = MemoryNetwork()
     with open_source(path) as source, Publisher(source, transport=network.transport()) as car:
-        for changes in ({"codec": "jpeg"}, {"target_kbps": 500.0}, {"codec": "riddle"}):
+        for changes in ({"codec": "jpeg"}, {"reduction": "poconet"}, {"codec": "riddle"}):
             with pytest.raises(SettingsError, match=r"only .*an HDL-64E"):
                 car.change(**changes)
         assert car.settings.codec == "pcodec"
+
+
+@pytest.mark.data
+def test_a_target_is_followed_while_the_stream_runs(data_file):
+    path, network = data_file(CAPTURES["vlp16"]), MemoryNetwork()
+    settings = lidarcodec.StreamSettings(codec="auto", target_kbps=300)
+    with (
+        subscribe(transport=network.transport()) as stream,
+        open_source(path, loop=True) as source,
+        Publisher(source, settings, transport=network.transport()) as car,
+    ):
+        frames = iter(stream)
+        assert eventually(lambda: next(frames) and (car.status()["rate"] or {}).get("reachable_kbps"), 20)
+        status = car.status()
+        assert status["images"]["spacing"] == 1.2
+        low, high = status["rate"]["reachable_kbps"]
+        assert low < 300 < high
+        car.change(intensity="levels=4", reduction="random", keep_fraction=0.5, target_kbps=200)
+        assert eventually(lambda: next(frames).points < 9000, 20)
+        assert car.status()["errors"] == {}
 
 
 @pytest.mark.data

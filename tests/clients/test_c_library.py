@@ -31,9 +31,9 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import settings_from
-from lidarcodec.thinned_stream import lattice_bytes, read_lattice
 from tests.clients.c_session import CSession, Decoded
 from tests.conftest import ROOT
 from tests.fuzz.corpus import Plan, plans, stream

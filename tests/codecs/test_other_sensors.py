@@ -189,7 +189,6 @@ def test_other_codecs_say_which_ones_take_the_sensor(codec: str) -> None:
 @pytest.mark.parametrize(
     ("more", "field"),
     [
-        ({"target_kbps": 2000}, "target_kbps"),
         ({"reduction": "voxel-seen"}, "reduction"),
     ],
 )

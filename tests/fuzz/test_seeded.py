@@ -16,7 +16,7 @@ from lidarcodec.entropy import decode_positions
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.message import SectionType
 from lidarcodec.pipeline import StreamDecoder
-from lidarcodec.thinned_stream import read_lattice
+from lidarcodec.planes.lattice_section import read_lattice
 from lidarcodec.wire import unpack
 from tests.fuzz import native_seeds
 from tests.fuzz.campaign import Campaign, block

@@ -82,9 +82,14 @@ async def test_viewers_get_the_points_pictures_and_model_of_the_sensor(path, tmp
                     break
                 await asyncio.sleep(0.1)
             assert name in str(status)
-            for changes in ({"codec": "jpeg"}, {"target_kbps": 500.0}, {"reduction": "voxel-seen"}):
+            for changes in ({"codec": "jpeg"}, {"reduction": "voxel-seen"}):
                 answer = await client.patch(f"{STREAM}/settings", json=changes)
                 assert answer.status_code == 422, answer.text
                 assert "HDL-64E" in answer.text
-            answer = await client.patch(f"{STREAM}/settings", json={"codec": "predictive"})
+            asked = {"codec": "predictive", "target_kbps": 2000.0, "intensity": "levels=8", "reduction": "lattice:2"}
+            answer = await client.patch(f"{STREAM}/settings", json=asked)
             assert answer.status_code == 200, answer.text
+            assert answer.json()["warnings"] == []
+            answer = await client.patch(f"{STREAM}/settings", params={"strict": True}, json={"target_kbps": 2.0})
+            assert answer.status_code == 422, answer.text
+            assert "cannot carry every frame" in answer.json()["detail"]

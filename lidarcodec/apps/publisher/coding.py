@@ -51,11 +51,12 @@ class Coding:
 
     def state(self) -> dict[str, Any]:
         """For the status."""
-        codec = self.codec
+        codec, images = self.codec, self.encoder.images
         return {
             "codec": codec,
             "codec_choice": self.choosing.state(codec),
             "rate": self.encoder.rate,
+            "images": None if images is None else images._asdict(),
             "reduction": self.encoder.reduction,
             "learning": self.learning.state(),
             "worker": self.isolation.state(),

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
+from lidarcodec.ratecontrol.image_curve import ImageKind
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
@@ -24,7 +25,14 @@ from lidarcodec_server.fleet.fleet import Fleet
 from lidarcodec_server.fleet.rivals import Override, Rivals
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store.store import Store
-from lidarcodec_server.told import check_names, check_settings_size, first_frame, known_settings, read_answer
+from lidarcodec_server.told import (
+    check_names,
+    check_settings_size,
+    first_frame,
+    images_told,
+    known_settings,
+    read_answer,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -69,6 +77,7 @@ class State(NamedTuple):
     applied:  current settings, None when the vehicle is away
     desired:  all settings of the stream once it has those of operators, None if operators set nothing
     operator: the settings that operators set;  refused: why the vehicle does not use them
+    images:   of the sensor, if it is not an HDL-64E
     """
 
     applied: StreamSettings | None
@@ -76,6 +85,7 @@ class State(NamedTuple):
     operator: dict[str, Any]
     first_frame: int | None = None
     refused: str | None = None
+    images: ImageKind | None = None
 
 
 class Control:
@@ -125,7 +135,12 @@ class Control:
         if stream is not None:
             applied = ((self._ask_settings(keys) if ask else None) or last) if stream.alive else None
         wanted = self._store.desired(keys)
-        return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
+        desired, refused = overlaid(wanted, applied or last), self._refusals.get(keys)
+        return State(applied, desired, wanted, refused=refused, images=self._images(keys))
+
+    def _images(self, keys: StreamKeys) -> ImageKind | None:
+        stream = self._fleet.get(keys)
+        return None if stream is None else images_told(stream.status)
 
     def change(
         self, keys: StreamKeys, changes: dict[str, Any], who: str, entered: Callable[[], object] = lambda: None
@@ -166,7 +181,8 @@ class Control:
                 return State(None, overlaid(wanted, current), wanted)
             self._rivals.sent(keys, wanted)
             self._fleet.answered(keys, applied.settings)
-            return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
+            desired = overlaid(wanted, applied.settings)
+            return State(applied.settings, desired, wanted, applied.first_frame, images=self._images(keys))
 
     def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
         """Delete the settings of operators. The vehicle keeps its current settings until it restarts with its

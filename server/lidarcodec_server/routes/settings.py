@@ -79,7 +79,7 @@ async def change(
 def _check_reach(state: State, changes: dict[str, Any]) -> None:
     """Raise ProblemError if settings with these changes have a target bitrate that is out of reach."""
     before = state.applied or StreamSettings.model_validate(state.desired or {})
-    warning = reach_warning(check(before.changed(**changes)))
+    warning = reach_warning(check(before.changed(**changes)), state.images)
     if warning is not None:
         raise ProblemError(422, f"{warning.message}: {warning.remedy}", warning.code, field="target_kbps")
 
