@@ -15,7 +15,7 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
-from lidarcodec.codecs.other_sensors import KINDS, PlaneDecoder, other_encoder
+from lidarcodec.codecs.other_sensors import KINDS, PlaneDecoder, check_for, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
@@ -116,8 +116,8 @@ class StreamEncoder:
         self._held: list[Message] = []
         self._other: Encoder | None = None
         """Codes frames of other sensors than the HDL-64E."""
-        self._of: str | None = None
-        """Hash of the sensor whose frames that is."""
+        self._sensor: SensorModel | None = None
+        """The sensor whose frames that codes."""
         self._images: ImageKind | None = None
         self._lattices = LatticeNotes()
         self._last_index = -1
@@ -138,16 +138,16 @@ class StreamEncoder:
                 return False
             settings, other = without_auto(self._asked), None
         else:
-            if self._of == sensor.hash:
+            if self._sensor is not None and self._sensor.hash == sensor.hash:
                 return False
-            settings = without_auto(self._asked, KINDS)
+            settings = check_for(sensor, without_auto(self._asked, KINDS))
             other = other_encoder(settings, self.stream_id)
         if settings.codec != self.settings.codec:
             fresh = self._make_encoder(settings, self.stream_id)
             self._held += self._flushed()
             self._encoder = fresh
         self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
-        self._of, self._images = None if self._hdl64e else sensor.hash, None
+        self._sensor, self._images = None if self._hdl64e else sensor, None
         self._thinning = Thinning(settings, self._thinning, hdl64e=self._hdl64e)
         self._rate = self._rate_control(settings)
         self._steer()
@@ -192,6 +192,8 @@ class StreamEncoder:
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
         checked = self._resolved(check(settings))
+        if self._sensor is not None:
+            check_for(self._sensor, checked)
         if checked.target_kbps is not None and self.settings.target_kbps is None:
             self._images = None
         reducing = Reducing(checked, self._reducing)

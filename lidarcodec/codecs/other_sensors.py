@@ -70,8 +70,16 @@ def check_for(sensor: SensorModel, settings: StreamSettings) -> StreamSettings:
 
     Raises SettingsError with the field and what to do.
     """
-    if sensor.is_cloud and settings.intensity == "off":
-        raise SettingsError("the fields of a point cloud travel as they are: leave intensity=off out", "intensity")
+    if sensor.is_cloud:
+        if settings.intensity not in (AUTO, "lossless"):
+            text = f"the fields of a point cloud travel as they are: leave intensity={settings.intensity} out"
+            raise SettingsError(text, "intensity")
+        if settings.reduces:
+            text = f"all points of a point cloud are sent: leave reduction={settings.reduction} out"
+            raise SettingsError(text, "reduction")
+        if settings.target_kbps is not None:
+            text = "a point cloud cannot keep a target bitrate: leave target_kbps out, and set max_error_m to send less"
+            raise SettingsError(text, "target_kbps")
     return settings if sensor.is_hdl64e else check_other(settings)
 
 

@@ -70,8 +70,16 @@ def decode_planes(
     """
     ordered = _in_order(forms)
     images = fast.decode_planes(data, columns, _table(ordered), np.ascontiguousarray(shift, np.int32), step)
-    found = {form.name: image.astype(_dtype(form.bits)) for form, image in zip(ordered, images, strict=True)}
+    found = {form.name: _fitting(image, form, step) for form, image in zip(ordered, images, strict=True)}
     return {form.name: found[form.name] for form in forms}
+
+
+def _fitting(image: npt.NDArray[np.uint32], form: PlaneForm, step: int) -> Unsigned:
+    """The image in the type of its bits. The middle of the first step of ranges can have more bits than the plane."""
+    top = (1 << form.bits) - 1
+    if form.role != "attribute" and (step // 2 + 1) // 2 > top:
+        image = np.minimum(image, np.uint32(top))
+    return image.astype(_dtype(form.bits))
 
 
 def _dtype(bits: int) -> type[np.unsignedinteger]:

@@ -206,7 +206,7 @@ def _reconstructed(image: Unsigned, step: int, form: Plane) -> Unsigned:
     if step > 1:
         index = image.astype(np.uint64)
         values = np.minimum((np.maximum(index, np.uint64(1)) - np.uint64(1)) * np.uint64(step), top)
-        values = np.where(values == 0, np.uint64((step // 2 + 1) // 2), values)
+        values = np.where(values == 0, np.minimum(np.uint64((step // 2 + 1) // 2), top), values)
         return np.where(index > 0, values, np.uint64(0)).astype(form.dtype)
     if image.size and int(image.max()) > int(top):
         raise SectionError(f"plane {form.name} holds {int(image.max())}, which has more than {form.bits} bits")
