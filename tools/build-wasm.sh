@@ -16,7 +16,7 @@ if ! printf '#include <vector>\nstd::vector<int> v;\n' | "$cxx" --target=wasm32-
 fi
 
 core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers frames/described_sensor frames/image_frame
-      frames/plane_section frames/rest frames/ring_geometry images/coder mask/align mask/coder mask/places mask/stream motion/fixed_angle
+      frames/plane_section frames/rest frames/ring_geometry images/coder images/heads mask/align mask/coder mask/places mask/stream motion/fixed_angle
       motion/range_history motion/warp motion/warp_surface network/net network/update network/weight_file pco/groups pco/pco
       planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
       predictive/write ranges/activity sensors/block_model sensors/json sensors/model sensors/model_tables sensors/ouster

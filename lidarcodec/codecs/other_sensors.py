@@ -1,6 +1,7 @@
 """Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them, and its decoder.
 
-A message has a PLANES section with all images, a REST section with what else its packets hold, and refers to no other.
+A message has a PLANES section with all images and a REST section with what else its packets hold. Messages of `riddle`
+refer to the frame before; those of the other codecs refer to none.
 Of a frame thinned to some columns the images hold these alone, and a LATTICE section names them. Which codecs take
 every sensor, and how each codes planes, is in `KINDS`.
 """
@@ -16,7 +17,9 @@ import numpy.typing as npt
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
+from lidarcodec.codecs.referring import ReferringSettings
 from lidarcodec.entropy import decode_positions
+from lidarcodec.entropy.plane_coder import PlaneMemory
 from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
 from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
@@ -28,6 +31,7 @@ from lidarcodec.motion.motion import is_rigid
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.attribute_values import AttributeQuality, reduced
 from lidarcodec.planes.clouds.section import decode_cloud, encode_cloud
+from lidarcodec.planes.frame_before import DecodedBefore, SentBefore
 from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
 from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
@@ -43,6 +47,7 @@ KINDS: Final = {
     "zstd": PlaneKind.ZSTD,
     "pcodec": PlaneKind.QUICK,
     "predictive": PlaneKind.MODELLED,
+    "riddle": PlaneKind.FOLLOWING,
 }
 """Codec -> how it codes the planes of other sensors."""
 ONLY_HDL64E: Final = ("voxel-seen", "poconet", "poconet-paper")
@@ -101,6 +106,7 @@ class PlaneContent:
 
     def __init__(self, kind: PlaneKind) -> None:
         self._kind = kind
+        self._before = SentBefore() if kind == PlaneKind.FOLLOWING else None
 
     def take(self, settings: InForce[CodecSettings]) -> bool:
         """Takes settings; no frame needs a key message for them.
@@ -112,7 +118,10 @@ class PlaneContent:
         return False
 
     def code(self, frame: Frame, *, key: bool) -> Coded:
-        """All sections of a frame, which refer to no other frame."""
+        """All sections of a frame. With `FOLLOWING` they refer to the frame before, if that was coded as a whole."""
+        before, own = self._before, self._settings.own
+        remembers = isinstance(own, ReferringSettings) and own.memory
+        needs = None if before is None else before.begin(alone=key or not remembers)
         rest = frame.side
         if not isinstance(rest, PacketRest):
             raise SectionError("a frame of this sensor without its packets' series cannot be sent")
@@ -124,7 +133,10 @@ class PlaneContent:
             sections.append(Section(SectionType.PLANES, self._planes(frame, found[1])))
         if frame.lattice is not None:
             sections.append(Section(SectionType.LATTICE, lattice_bytes(Lattice(frame.width, frame.lattice))))
-        return Coded(sections + position_sections(frame) + pose_sections(frame), None)
+        sections += position_sections(frame) + pose_sections(frame)
+        if before is not None:
+            before.take(frame.index)
+        return Coded(sections, needs)
 
     def _cloud(self, frame: Frame, rest: PacketRest) -> list[Section]:
         """The message of a frame of a point cloud. Its REST section has nothing but the host time.
@@ -141,8 +153,11 @@ class PlaneContent:
         step = 1 if stream.max_error_m is None else step_of(stream.max_error_m, frame.sensor.range_step_m)
         sent = sent_planes(frame, layout, AttributeQuality.of(stream))
         reduced = frame.keep is not None
-        shift = shift_of(frame)
-        return encode_plane_section(self._kind, sent.forms, sent.planes, shift, step, sent.tables, reduced=reduced)
+        shift, azimuth = shift_of(frame), sent_azimuth(frame)
+        following = None if self._before is None else self._before.following(azimuth)
+        return encode_plane_section(
+            self._kind, sent.forms, sent.planes, shift, step, sent.tables, reduced=reduced, following=following
+        )
 
 
 class Sent(NamedTuple):
@@ -165,10 +180,16 @@ def sent_planes(frame: Frame, layout: PacketLayout, quality: AttributeQuality) -
     return Sent(forms, few.planes, few.tables)
 
 
+def sent_azimuth(frame: Frame) -> npt.NDArray[np.uint16]:
+    """(W,) hundredths of a degree, of the columns that are sent."""
+    azimuth: npt.NDArray[np.uint16] = frame.azimuth[0]
+    return azimuth if frame.lattice is None else azimuth[frame.lattice]
+
+
 def shift_of(frame: Frame) -> npt.NDArray[np.int32]:
     """(H,) columns by which the rows of a frame must be moved so that neighbours look in one direction."""
     rotation = frame.sensor.calibration["rot_correction_rad"][frame.sensor.laser_of_ring]
-    azimuth = (frame.azimuth[0] if frame.lattice is None else frame.azimuth[0][frame.lattice]).astype(np.int64)
+    azimuth = sent_azimuth(frame).astype(np.int64)
     steps = np.diff(azimuth) % 36000
     step = float(np.median(steps)) if len(steps) else 0.0
     if not 0 < step < 3600:
@@ -183,10 +204,12 @@ class PlaneDecoder:
 
     def __init__(self, codec_id: int) -> None:
         """Raises UnsupportedVersionError for a codec that does not write such frames."""
-        if table.codec_name(codec_id) not in KINDS:
+        kind = KINDS.get(table.codec_name(codec_id))
+        if kind is None:
             raise UnsupportedVersionError(f"codec {table.codec_name(codec_id)} does not write frames of this sensor")
         self.codec_id = codec_id
         self._sensors = SensorBook()
+        self._before = DecodedBefore() if kind == PlaneKind.FOLLOWING else None
 
     def decode(self, message: Message) -> list[Frame]:
         """The message's frame.
@@ -195,8 +218,16 @@ class PlaneDecoder:
         """
         if message.codec != self.codec_id:
             raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
-        if message.frame_count != 1 or message.needs is not None:
+        if message.frame_count != 1 or (message.needs is not None and self._before is None):
             raise SectionError("a message of planes with several frames, or that refers to another")
+        if self._before is None:
+            return [self._frame(message, None)]
+        self._before.begin(message)
+        frame = self._frame(message, self._before.memory)
+        self._before.take(message)
+        return [frame]
+
+    def _frame(self, message: Message, memory: PlaneMemory | None) -> Frame:
         sensor = self._sensors.sensor_of(message)
         rest = decode_rest(message.section(SectionType.REST), message.packets)
         if message.has(SectionType.POSITION):
@@ -210,12 +241,12 @@ class PlaneDecoder:
             found = cloud_frame(
                 message.frame_index, message.stamp_ns, cloud.payload, sensor, rest.positions, cloud.grid
             )
-            return [found if pose is None else found.with_(pose=pose)]
+            return found if pose is None else found.with_(pose=pose)
         planes = {}
         columns = lattice_of(message)
         if message.has(SectionType.PLANES):
             width = message.width if columns is None else len(columns)
-            planes = decode_plane_section(message.section(SectionType.PLANES), width).planes
+            planes = decode_plane_section(message.section(SectionType.PLANES), width, memory).planes
             if planes["range"].shape[0] != sensor.rows:
                 raise SectionError(f"planes of {planes['range'].shape[0]} rows of a sensor with {sensor.rows}")
             if columns is not None:
@@ -223,7 +254,7 @@ class PlaneDecoder:
         elif message.width or rest.layout:
             raise SectionError(f"a message of {message.width} columns without planes")
         frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
-        return [frame.with_(pose=pose, lattice=columns)]
+        return frame.with_(pose=pose, lattice=columns)
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.entropy import fast
 
 Unsigned = npt.NDArray[np.unsignedinteger]
@@ -70,6 +71,52 @@ def decode_planes(
     """
     ordered = _in_order(forms)
     images = fast.decode_planes(data, columns, _table(ordered), np.ascontiguousarray(shift, np.int32), step)
+    return _by_name(forms, ordered, images, step)
+
+
+class PlaneMemory:
+    """What a stream of planes remembers from frame to frame: probabilities, and the frame before. An encoder and a
+    decoder have one each; they agree after each frame. A call that raises leaves it empty."""
+
+    def __init__(self) -> None:
+        self._native = _native.PlaneMemory()
+
+    def forget(self) -> None:
+        """Begin from nothing."""
+        self._native.forget()
+
+    def encode(
+        self,
+        forms: Sequence[PlaneForm],
+        planes: Mapping[str, Unsigned],
+        shift: npt.NDArray[np.int32],
+        step: int = 1,
+        runs: npt.NDArray[np.uint32] | None = None,
+    ) -> bytes:
+        """Bytes of the next frame; all else as of `encode_planes`.
+
+        runs: (N, 2), numbers of neighbouring columns, and their first column in the frame before; together all columns.
+        None: the frame before is not looked at. Of no effect where other planes, or rows, begin.
+
+        Raises SettingsError if shapes, bits, forms and runs do not fit together.
+        """
+        ordered = _in_order(forms)
+        images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
+        given = np.zeros((0, 2), np.uint32) if runs is None else np.ascontiguousarray(runs, np.uint32)
+        return self._native.encode(images, _table(ordered), np.ascontiguousarray(shift, np.int32), step, given)
+
+    def decode(
+        self, data: bytes, columns: int, forms: Sequence[PlaneForm], shift: npt.NDArray[np.int32], step: int = 1
+    ) -> dict[str, Unsigned]:
+        """The planes of the next frame, as of `decode_planes`. Raises as that does."""
+        ordered = _in_order(forms)
+        images = self._native.decode(data, columns, _table(ordered), np.ascontiguousarray(shift, np.int32), step)
+        return _by_name(forms, ordered, images, step)
+
+
+def _by_name(
+    forms: Sequence[PlaneForm], ordered: Sequence[PlaneForm], images: Sequence[npt.NDArray[np.uint32]], step: int
+) -> dict[str, Unsigned]:
     found = {form.name: _fitting(image, form, step) for form, image in zip(ordered, images, strict=True)}
     return {form.name: found[form.name] for form in forms}
 

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy.plane_coder import decode_planes, encode_planes
+from lidarcodec.entropy.plane_coder import PlaneMemory, decode_planes, encode_planes
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
@@ -41,8 +41,10 @@ class PlaneKind(IntEnum):
     """Differences along rows, byte by byte, in a zstd frame."""
     MODELLED = 2
     """By what is learned from the neighbours of each cell (docs/wire-format-planes.md), all contexts."""
-    QUICK = 3
-    """The same with fewer contexts."""
+    FOLLOWING = 3
+    """The same, going on from what frames before taught, with the frame before among the contexts."""
+    QUICK = 4
+    """As MODELLED with fewer contexts, and of that kind in the bytes."""
 
 
 class PlaneHead(NamedTuple):
@@ -66,6 +68,13 @@ class PlaneHead(NamedTuple):
         return whole and self.step == 1 and not self.tables and not self.reduced
 
 
+class Following(NamedTuple):
+    """What a frame follows: the memory of its stream, and `runs` as of `PlaneMemory.encode`."""
+
+    memory: PlaneMemory
+    runs: npt.NDArray[np.uint32] | None = None
+
+
 class PlaneSection(NamedTuple):
     """A decoded section: what planes there are, and the planes themselves, (H, W) each."""
 
@@ -82,17 +91,18 @@ def encode_plane_section(
     tables: Mapping[str, Unsigned] = MappingProxyType({}),
     *,
     reduced: bool = False,
+    following: Following | None = None,
 ) -> bytes:
     """The section. planes: (H, W) each, by name; shift: (H,), as of `encode_planes`; step: odd, quantises the ranges.
 
     tables: of attributes that have no other values than these where there is a return, (N,) ascending
-    reduced: whether returns were left out
+    reduced: whether returns were left out; following: of kind FOLLOWING; None: the frame begins a stream
     Raises SectionError if the images are larger than a frame may be.
     """
     rows, columns = planes["range"].shape
     _check(rows, columns, len(forms), step)
     marks = _WITH_TABLES * bool(tables) | _REDUCED * reduced
-    out = bytearray([min(kind, PlaneKind.MODELLED) | marks, rows - 1])
+    out = bytearray([(PlaneKind.MODELLED if kind == PlaneKind.QUICK else kind) | marks, rows - 1])
     put_varint(out, step)
     put_varint(out, len(forms))
     names = [form.name for form in forms]
@@ -110,6 +120,9 @@ def encode_plane_section(
                  for image, form in zip(images, forms, strict=True)]  # fmt: skip
         data = b"".join(parts)
         return bytes(out) + (data if kind == PlaneKind.PLAIN else compress(data, _LEVEL))
+    if kind == PlaneKind.FOLLOWING:
+        memory, runs = following or Following(PlaneMemory())
+        return bytes(out) + memory.encode(forms, planes, shift, step, runs)
     return bytes(out) + encode_planes(forms, planes, shift, step, quick=kind == PlaneKind.QUICK)
 
 
@@ -123,7 +136,7 @@ def read_head(data: bytes) -> PlaneHead:
     kind = marks & ~(_WITH_TABLES | _REDUCED)
     step = reader.varint(MAX_STEP, least=1)
     count = reader.varint(MAX_PLANES, least=1)
-    if kind > PlaneKind.MODELLED:
+    if kind > PlaneKind.FOLLOWING:
         raise SectionError(f"planes of unknown kind {kind}")
     _check(rows, 0, count, step)
     raw = [_raw_form(reader) for _ in range(count)]
@@ -137,22 +150,24 @@ def read_head(data: bytes) -> PlaneHead:
     return PlaneHead(kind, rows, step, forms, shift, tables, bool(marks & _REDUCED), reader.offset)
 
 
-def decode_plane_section(data: bytes, columns: int) -> PlaneSection:
-    """The planes of a section, (H, `columns`) each.
+def decode_plane_section(data: bytes, columns: int, memory: PlaneMemory | None = None) -> PlaneSection:
+    """The planes of a section, (H, `columns`) each. memory: of the stream; None: the section begins one.
 
     Raises SectionError or TruncatedError. Takes no more memory than the largest frame needs.
     """
     head = read_head(data)
     _check(head.rows, columns, len(head.forms), head.step)
-    planes = _coded_planes(data[head.size :], columns, head)
+    planes = _coded_planes(data[head.size :], columns, head, memory)
     return PlaneSection(head.forms, with_values(head.forms, planes, head.tables) if head.tables else planes)
 
 
-def _coded_planes(body: bytes, columns: int, head: PlaneHead) -> dict[str, Unsigned]:
+def _coded_planes(body: bytes, columns: int, head: PlaneHead, memory: PlaneMemory | None) -> dict[str, Unsigned]:
     """Planes as they are coded: of those with a table, places."""
     rows, forms = head.rows, coded_forms(head.forms, head.tables)
     if head.kind == PlaneKind.MODELLED:
         return decode_planes(body, columns, forms, head.shift, head.step)
+    if head.kind == PlaneKind.FOLLOWING:
+        return (memory or PlaneMemory()).decode(body, columns, forms, head.shift, head.step)
     sizes = [rows * columns * form.dtype.itemsize for form in forms]
     if head.kind == PlaneKind.ZSTD:
         body = decompress(body, sum(sizes))

@@ -5,6 +5,7 @@
 #include "base/error.hpp"
 #include "bindings.hpp"
 #include "images/coder.hpp"
+#include "images/following.hpp"
 
 namespace lc = lidarcodec;
 
@@ -28,6 +29,30 @@ lc::PlaneFrame frame_of(std::size_t rows, std::size_t columns, const In<std::uin
   return frame;
 }
 
+// Images of planes, (H, W) each. Raises Settings unless all have one shape.
+std::vector<lc::PlaneImage> images_of(const std::vector<In<std::uint32_t, 2>>& planes, const lc::PlaneFrame& frame) {
+  std::vector<lc::PlaneImage> images;
+  for (const In<std::uint32_t, 2>& plane : planes) {
+    if (plane.shape(0) != frame.rows || plane.shape(1) != frame.columns)
+      throw lc::Error(lc::ErrorCode::Settings, "planes have one shape, (H, W), and one shift for each row");
+    images.emplace_back(plane.data(), plane.data() + plane.size());
+  }
+  return images;
+}
+
+nb::list give_images(std::vector<lc::PlaneImage>&& images, const lc::PlaneFrame& frame) {
+  nb::list result;
+  for (lc::PlaneImage& image : images) result.append(give(std::move(image), {frame.rows, frame.columns}));
+  return result;
+}
+
+std::vector<lc::ColumnRun> runs_of(const In<std::uint32_t, 2>& runs) {
+  if (runs.shape(1) != 2) throw lc::Error(lc::ErrorCode::Settings, "runs of columns are (N, 2)");
+  std::vector<lc::ColumnRun> found;
+  for (std::size_t i = 0; i < runs.shape(0); ++i) found.push_back({runs.data()[2 * i], runs.data()[2 * i + 1]});
+  return found;
+}
+
 }  // namespace
 
 void bind_planes(nb::module_& m) {
@@ -38,12 +63,7 @@ void bind_planes(nb::module_& m) {
         const lc::PlaneFrame frame =
             frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
         lc::check_frame(frame);
-        std::vector<lc::PlaneImage> images;
-        for (const In<std::uint32_t, 2>& plane : planes) {
-          if (plane.shape(0) != frame.rows || plane.shape(1) != frame.columns)
-            throw lc::Error(lc::ErrorCode::Settings, "planes have one shape, (H, W), and one shift for each row");
-          images.emplace_back(plane.data(), plane.data() + plane.size());
-        }
+        const std::vector<lc::PlaneImage> images = images_of(planes, frame);
         std::vector<std::uint8_t> data;
         {
           nb::gil_scoped_release release;
@@ -66,10 +86,48 @@ void bind_planes(nb::module_& m) {
           nb::gil_scoped_release release;
           images = lc::decode_planes(bytes, size, frame);
         }
-        nb::list result;
-        for (lc::PlaneImage& image : images) result.append(give(std::move(image), {frame.rows, columns}));
-        return result;
+        return List<Array<std::uint32_t>>(give_images(std::move(images), frame));
       },
       nb::arg("data"), nb::arg("columns"), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
       "P planes, (H, W) uint32 each.");
+  nb::class_<lc::PlaneMemory>(m, "PlaneMemory", "What a stream of planes remembers from frame to frame.")
+      .def(nb::init<>())
+      .def("forget", &lc::PlaneMemory::forget, "Begin from nothing.")
+      .def_prop_ro("columns", &lc::PlaneMemory::columns, "Columns of the frame before; 0: there is none.")
+      .def(
+          "encode",
+          [](lc::PlaneMemory& memory, const std::vector<In<std::uint32_t, 2>>& planes, In<std::uint8_t, 2> forms,
+             In<std::int32_t, 1> shift, std::uint32_t step, In<std::uint32_t, 2> runs) {
+            const lc::PlaneFrame frame =
+                frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
+            lc::check_frame(frame);
+            const std::vector<lc::PlaneImage> images = images_of(planes, frame);
+            const std::vector<lc::ColumnRun> found = runs_of(runs);
+            std::vector<std::uint8_t> data;
+            {
+              nb::gil_scoped_release release;
+              data = lc::encode_next_planes(memory, frame, images, found);
+            }
+            return give_bytes(data);
+          },
+          nb::arg("planes").noconvert(), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
+          nb::arg("runs").noconvert(),
+          "Bytes of the next frame. runs: (N, 2) uint32, numbers of columns and their first column in the frame "
+          "before.")
+      .def(
+          "decode",
+          [](lc::PlaneMemory& memory, nb::bytes data, std::size_t columns, In<std::uint8_t, 2> forms,
+             In<std::int32_t, 1> shift, std::uint32_t step) -> List<Array<std::uint32_t>> {
+            const lc::PlaneFrame frame = frame_of(shift.shape(0), columns, forms, shift, step);
+            const std::uint8_t* bytes = data_of(data);
+            const std::size_t size = data.size();
+            std::vector<lc::PlaneImage> images;
+            {
+              nb::gil_scoped_release release;
+              images = lc::decode_next_planes(memory, bytes, size, frame);
+            }
+            return List<Array<std::uint32_t>>(give_images(std::move(images), frame));
+          },
+          nb::arg("data"), nb::arg("columns"), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(),
+          nb::arg("step"), "The next frame: P planes, (H, W) uint32 each.");
 }

@@ -287,7 +287,8 @@ _PLANE_KINDS = ((0, 19), (4, 19), (2, 7), (38, 7), (2, 15))
 
 
 def planes(rng: np.random.Generator) -> Iterator[bytes]:
-    """For fuzz_images: a dual frame as it is coded, of all sizes and steps, and numbers to be coded."""
+    """For fuzz_images: a dual frame as it is coded, of all sizes and steps, alone and after another, and numbers to be
+    coded."""
     for rows, columns in ((0, 0), (1, 1), (1, 24), (8, 1), (5, 9), (8, 24)):
         for step in (1, 3, 127):
             for most in (1, 2, 300, 2**20):
@@ -299,7 +300,11 @@ def planes(rng: np.random.Generator) -> Iterator[bytes]:
                 for quick in (False, True):
                     shift = np.zeros(rows, np.int32)
                     yield head + plane_coder.encode_planes(_PLANES, images, shift, step, quick=quick)
-                for kind in (1, 2 + 8, 16, 16 + 32 + 4):
+                if step > 1 or most < 2**20:  # a frame after another, as it is coded
+                    memory, runs = plane_coder.PlaneMemory(), np.array([[columns, 0]], np.uint32)
+                    memory.encode(_PLANES, images, shift, step)
+                    yield bytes([64 + 16]) + head[1:] + memory.encode(_PLANES, images, shift, step, runs[: columns > 0])
+                for kind in (1, 2 + 8, 16, 16 + 32 + 4, 64, 64 + 4 + 8, 64 + 32, 64 + 32 + 128):
                     yield bytes([kind]) + head[1:] + rng.integers(0, min(most, 256), 200, np.uint8).tobytes()
 
 

@@ -144,7 +144,7 @@ def with_tables(tables: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        (head_bytes(form_bytes(), 1, kind=3), "unknown kind 3"),
+        (head_bytes(form_bytes(), 1, kind=4), "unknown kind 4"),
         (with_tables(b"\1\1\5\0\2"), "table 2 of 1"),
         (with_tables(b"\1\1\5\1\0"), "table 1 of 1, or not an attribute"),
         (with_tables(b"\1\2\5\0\0\1"), "do not ascend"),

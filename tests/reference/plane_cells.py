@@ -31,12 +31,15 @@ class Form(NamedTuple):
 class PlaneDecoder:
     """One plane. `cell` gives its numbers in order."""
 
+    PREDICTIONS, RATIO_BITS = 6, 4
+
     def __init__(self, form: Form, width: int, way: int, constant: int, most: int, *, quick: bool) -> None:
         self.form, self.way, self.constant, self.most, self.quick = form, way, constant, most, quick
         returned = form.role == ATTRIBUTE or constant > 0 or way != CONSTANT
         self.v, self.e, self.h, self.q = Row(width, 0), Row(width, 0), Row(width, 1), Row(width, 0)
-        self.errors = [Row(width, 0) for _ in range(6)]
-        self.leaf = [8] * width
+        self.errors = [Row(width, 0) for _ in range(self.PREDICTIONS)]
+        self.leaf, self.scale = [8] * width, [0] * width
+        self.same: int | None = None
         if way == CONSTANT:
             self.v.rows, self.h.rows = [[constant] * width], [[int(returned)] * width]
             for kept in (self.v, self.e, self.h, self.q):
@@ -143,6 +146,7 @@ class PlaneDecoder:
             if self.way != SPARSE:
                 assert like
                 same = like.v.at(row, x, 0, 0) if attribute or like.h.at(row, x, 0, 0) else 0
+                self.same = same
             q, e = self.q, (like or of).e
             e0, e1 = e.at(row, x, 0, 0), e.at(row, x, -1, 0)
             around = q.at(row, x, -1, 0) + 2 * q.at(row, x, -2, 0) + 4 * q.at(row, x, 0, 1)
@@ -150,7 +154,7 @@ class PlaneDecoder:
             kind = of.q.at(row, x, 0, 0) + 2 * has if attribute else int(same > 0)
             size = min(ql(e0) // 2, 31)
             contexts = [("e", 0, around, kind), ("e", 1, kind, size), ("e", 2, around % 8, kind)]
-            self.q.rows[0][x] = self.odds([*contexts], 2500)
+            self.q.rows[0][x] = self.odds([*contexts, *self.flags("e", x, around)], 2500)
             if self.q.rows[0][x]:
                 self.known(x, same, has, like)
                 return same
@@ -167,9 +171,32 @@ class PlaneDecoder:
         size = min(ql(e.at(row, x, -1, 0) + self.activity(x) // 4) // 2, 31)
         far = min(ql(self.v.at(row, x, -1, 0) >> 4) // 2, 15)
         left = [("h", 0, around), ("h", 2, around % 16, size)]
-        bit = self.odds([*left, ("h", 1, row % 64, around % 8), ("h", 3, around % 32, far)], 1800)
+        contexts = [*left, ("h", 1, row % 64, around % 8), ("h", 3, around % 32, far), *self.flags("h", x, around)]
+        bit = self.odds(contexts, 1800)
         self.h.rows[0][x] = bit
         return bit
+
+    def flags(self, _name: str, _x: int, _around: int) -> list[tuple[object, ...]]:
+        """Further contexts of a decision by odds."""
+        return []
+
+    def spread_way(self, steep: int, _guess: int) -> int:
+        """Second place of a spread."""
+        return clamp(toward_zero(steep + 18, 2), 0, 15)
+
+    def leaf_of(
+        self, _x: int, contexts: list[tuple[object, ...]], _about: tuple[int, int, int], _p: Ints, _of: PlaneDecoder
+    ) -> int:
+        """The leaf of a number."""
+        return self.tree([contexts[i] for i in ((0, 1, 6) if self.quick else range(7))], 4)
+
+    def more_predictions(self, _x: int, p: Ints) -> Ints:
+        """All predictions."""
+        return p
+
+    def more_symbol_contexts(self, _x: int, _has: int, _of: PlaneDecoder) -> list[tuple[object, ...]]:
+        """Further contexts of a symbol."""
+        return []
 
     def activity(self, x: int) -> int:
         """A."""
@@ -178,7 +205,7 @@ class PlaneDecoder:
     def known(self, x: int, n: int, has: int, like: PlaneDecoder | None) -> None:
         """Keep a number that needed no coding."""
         row, returned = self.row, self.form.role == ATTRIBUTE or n > 0
-        self.leaf[x] = 8
+        self.leaf[x], self.scale[x] = 8, self.scale[x - 1] if x else 0
         for errors in self.errors:
             errors.rows[0][x] = errors.at(row, x, -1, 0)
         self.h.rows[0][x] = int(returned)
@@ -203,18 +230,19 @@ class PlaneDecoder:
         expected = (eighths + 4) >> 3
         calm = ql(2 * self.e.at(row, x, -1, 0) + self.e.at(row, x, -2, 0) + self.activity(x))
         steep = ql(abs(left - corner) + abs(above - corner) + abs(above - right)) - calm
-        at = (min(127, calm), clamp(toward_zero(steep + 18, 2), 0, 15))
+        at = (min(127, calm), self.spread_way(steep, guess))
         a = min(at[0], 79)
         spread = self.spread.get(at, 8 + 4 * (a + 1 if a < 4 else (4 + a % 4) << (a // 4 - 1)))
         share = (spread * (3 if attribute else 2)) >> 8
         k = min(16, share.bit_length())
         start = expected - (1 << (k - 1) if k else 0)
+        self.scale[x] = k
 
         if self.way == SYMBOLS:
             n = self.symbol(x, has, turn, expected, ql(spread), p[5], of, mate)
         else:
             contexts = self.contexts(x, (k, spread, share), (eighths, expected), (turn, has, calm), near, of, mate)
-            leaf = self.tree([contexts[i] for i in ((0, 1, 6) if self.quick else range(7))], 4)
+            leaf = self.leaf_of(x, contexts, (k, expected, calm), p, of)
             n = self.within(leaf, k, start, near) if 0 < leaf < 15 else self.beyond(leaf == 15, k, start, near)
         assert (0 if attribute else 1) <= n <= most
         bin_of = (n - start) >> k
@@ -247,15 +275,16 @@ class PlaneDecoder:
             turn = has + 2 * h[-1, 0] + 4 * h[0, 1]
             p[3] = average
             if mate:
-                y = 16 + (of.v.at(row, x, 0, 0) if has else 0)
-                b = y.bit_length() - 5
-                c = min(16 * b + (y >> b) - 16, 319)
+                size = 1 << self.RATIO_BITS
+                y = size + (of.v.at(row, x, 0, 0) if has else 0)
+                b = y.bit_length() - self.RATIO_BITS - 1
+                c = min(size * b + (y >> b) - size, 20 * size - 1)
                 p[3] = min((mate.v.at(row, x, 0, 0) * (self.ratio[c] or self.ratio_last) + 32768) >> 16, most)
             p[4] = toward_zero(2 * left + second + 1, 3) if h[-1, 0] == has else self.last[has]
             p[5] = self.last[has]
             for place, value in (((-1, 1), corner), ((1, 1), right), ((0, 1), toward_zero(above + higher, 2))):
                 p[5] = value if h[place] == has else p[5]
-        return p, turn, c
+        return self.more_predictions(x, p), turn, c
 
     def contexts(
         self,
@@ -351,5 +380,6 @@ class PlaneDecoder:
             ("s6", mate.leaf[x], g >> 3) if mate else ("s6", has),
             ("s7", g >> 3, min(31, w)),
         ][: 6 if self.quick else 8]
+        contexts += self.more_symbol_contexts(x, has, of)
         high = self.tree([(*c, None) for c in contexts], 4)
         return 16 * high + self.tree([(*c, high) for c in contexts], 4)

@@ -99,7 +99,42 @@ class PlaneStream {
     return node - (1u << Levels);
   }
 
+  // The same by a weighted sum of the log odds; the weights follow the gradient of the cost. weights: cells of each
+  // context in turn, where 16384 is one.
+  template <int Levels, std::size_t N>
+  std::uint32_t by_weighted(std::uint32_t leaf, const std::array<Cells*, N>& contexts, Cells* weights,
+                            std::int16_t rate) {
+    constexpr std::size_t vectors = Levels == 4 ? 2 : 1;
+    std::array<Cells, vectors> p;
+    alignas(16) std::array<std::int16_t, 8 * vectors> chance;
+    for (std::size_t v = 0; v < vectors; ++v) {
+      Cells sum = product(contexts[0][v], weights[v]);
+      for (std::size_t i = 1; i < N; ++i) sum = sum + product(contexts[i][v], weights[vectors * i + v]);
+      sum = sum + sum;
+      sum = sum + sum;
+      p[v] = probabilities(sum);
+      p[v].store(chance.data() + 8 * v);
+    }
+    std::uint32_t node = 1;
+    for (int level = Levels - 1; level >= 0; --level)
+      node = 2 * node + bit(leaf >> level & 1u, static_cast<std::uint32_t>(chance[node]));
+    const Walk& walk = kWalks[node];
+    for (std::size_t v = 0; v < vectors; ++v) {
+      const Cells wanted = Cells::load(walk.wanted.data() + 8 * v), taken = Cells::load(walk.taken.data() + 8 * v);
+      const Cells error = errors(wanted, taken, p[v]);
+      const Cells by = by_rate(error, rate);
+      for (std::size_t i = 0; i < N; ++i) {
+        Cells &weight = weights[vectors * i + v], &cell = contexts[i][v];
+        weight = weight + by_rate(product(error, cell), kWeightRate);
+        cell = cell + by;
+      }
+    }
+    return node - (1u << Levels);
+  }
+
  private:
+  static constexpr std::int16_t kWeightRate = 3500;
+
   // As `probabilities` of cells.hpp, of one sum.
   static int probability_of(int sum) {
     const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));

@@ -1,4 +1,4 @@
-// The expectation of a number: six predictions, weighted by how well each did around here.
+// The expectation of a number: predictions, weighted by how well each did around here.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -8,19 +8,17 @@
 
 namespace lidarcodec {
 
-inline constexpr std::size_t kPredictions = 6;
-
-// One number for each prediction; the last two are free, so that they fill vectors.
+// One number for each prediction; where there are six, the last two are free, so that they fill vectors.
 using PerPrediction = std::array<std::int32_t, 8>;
 
 // Weight of a prediction whose errors have a logarithm that is higher by i quarters of an octave than the least one:
 // 64 * 0.62^i, rounded.
 inline constexpr std::array<std::int32_t, 16> kPredictionWeights = {64, 40, 25, 15, 9, 6, 4, 2, 1, 1, 1, 0, 0, 0, 0, 0};
 
-// 2^24 / i, rounded, of the sums that six weights can have.
+// 2^24 / i, rounded, of the sums that eight weights can have.
 inline constexpr auto kWeightShares = [] {
-  std::array<std::int32_t, 6 * 64 + 1> shares{};
-  for (std::int32_t i = 1; i <= 6 * 64; ++i) shares[static_cast<std::size_t>(i)] = ((1 << 24) + i / 2) / i;
+  std::array<std::int32_t, 8 * 64 + 1> shares{};
+  for (std::int32_t i = 1; i <= 8 * 64; ++i) shares[static_cast<std::size_t>(i)] = ((1 << 24) + i / 2) / i;
   return shares;
 }();
 
@@ -31,8 +29,9 @@ struct Guess {
 
 inline constexpr std::int32_t kMostError = 1 << 20;
 
-// The mean of the predictions, weighted by 1 / errors^2.76. base: any number near them. sums: five errors around, added
-// up, 0 in the free lanes.
+// The mean of the first N predictions, weighted by 1 / errors^2.76. base: any number near them. sums: five errors
+// around, added up, 0 in the free lanes.
+template <std::size_t N>
 inline Guess guess_of(std::int32_t base, const PerPrediction& predictions, const PerPrediction& sums) {
   std::array<std::int32_t, 8> logs;
   for (std::size_t i = 0; i < 8; ++i) {
@@ -40,10 +39,10 @@ inline Guess guess_of(std::int32_t base, const PerPrediction& predictions, const
     logs[i] = (bits >> 21) - (129 << 2);  // as quarter_log
   }
   std::int32_t least = logs[0];
-  for (std::size_t i = 1; i < kPredictions; ++i) least = std::min(least, logs[i]);
+  for (std::size_t i = 1; i < N; ++i) least = std::min(least, logs[i]);
   std::int64_t sum = 0;
   std::int32_t all = 0;
-  for (std::size_t i = 0; i < kPredictions; ++i) {
+  for (std::size_t i = 0; i < N; ++i) {
     const std::int32_t weight = kPredictionWeights[static_cast<std::size_t>(std::min(15, logs[i] - least))];
     sum += std::int64_t{weight} * (predictions[i] - base);
     all += weight;

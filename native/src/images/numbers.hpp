@@ -74,13 +74,15 @@ struct Bins {
 // The models of the numbers of one plane, but for the contexts of their leaves.
 class NumberCoder {
  public:
-  // Writes `value`, or reads one: from `least` to `most`. leaf: set to the one that it falls into. Raises Section.
+  // Writes `value`, or reads one: from `least` to `most`. weights: of the contexts, null: all are one. leaf: set to the
+  // one that it falls into. Raises Section.
   template <bool Quick, class Stream, std::size_t N>
   std::int32_t code(Stream& stream, std::int32_t value, const Bins& bins, const Near& near,
                     const std::array<Cells*, N>& contexts, std::int16_t rate, std::int32_t least, std::int32_t most,
-                    std::uint32_t& leaf) {
-    leaf =
-        stream.template by_cells<4>(Stream::kReads ? 0 : leaf_of((value - bins.start) >> bins.scale), contexts, rate);
+                    std::uint32_t& leaf, Cells* weights) {
+    const std::uint32_t want = Stream::kReads ? 0 : leaf_of((value - bins.start) >> bins.scale);
+    leaf = weights != nullptr ? stream.template by_weighted<4>(want, contexts, weights, rate)
+                              : stream.template by_cells<4>(want, contexts, rate);
     const std::int64_t result = leaf > 0 && leaf < kLastLeaf
                                     ? within_leaf<Quick>(stream, value, bins, near, leaf, rate)
                                     : beyond_leaves(stream, value, bins, near, leaf == kLastLeaf);

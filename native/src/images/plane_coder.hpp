@@ -12,8 +12,10 @@
 
 #include "base/error.hpp"
 #include "images/decisions.hpp"
+#include "images/flag_contexts.hpp"
 #include "images/forms.hpp"
 #include "images/guess.hpp"
+#include "images/models.hpp"
 #include "images/numbers.hpp"
 #include "images/plane_rows.hpp"
 #include "images/ratio.hpp"
@@ -22,41 +24,30 @@
 
 namespace lidarcodec {
 
-// Quick: fewer contexts and one prediction, for twice the speed.
-template <class Coder, bool Quick>
+template <class Coder, PlaneEffort Effort>
 class PlaneCoder {
  public:
+  static constexpr bool Quick = Effort == PlaneEffort::Quick, kFollows = Effort == PlaneEffort::Follows;
+  using Models = PlaneModels<Effort>;
   using Stream = PlaneStream<Coder>;
   static constexpr bool kReads = Stream::kReads;
 
-  PlaneCoder(const PlanePlan& plan, std::size_t columns, Coder coder)
+  // models: outlive this; they may have coded other frames before.
+  PlaneCoder(const PlanePlan& plan, std::size_t columns, Models& models, Coder coder)
       : plan_(plan),
         columns_(static_cast<std::ptrdiff_t>(columns)),
         stream_(std::move(coder)),
+        models_(models),
         rows_(columns),
         errors_(columns),
         sums_(columns),
-        activity_(columns),
-        spread_(kSpreads, 24),
-        bias_(kBiases),
-        equal_odds_(3 * 256),
-        has_odds_(4 * 512) {
-    for (std::size_t i = 0; i < spread_.size(); ++i) spread_[i] = first_spread(i / kSpreadWays);
-    std::uint32_t total = 0;
-    for (std::size_t i = 0; i < kContexts; ++i) {
-      begin_[i] = 2 * total;
-      total += kContextSizes[i];
-    }
-    if (plan.way == PlaneWay::Numbers || plan.way == PlaneWay::Sparse) {
-      cells_.resize(2 * std::size_t{total});
-      for (std::size_t i = 0; i < kContextSizes[0]; ++i)
-        std::memcpy(static_cast<void*>(&cells_[2 * i]), kFirstOdds.data(), sizeof kFirstOdds);
-    }
-    if (plan.way == PlaneWay::Symbols) symbols_.emplace_back();
+        activity_(columns) {
+    models_.prepare(plan.way);
     if (plan.way == PlaneWay::Constant) show_constant();
   }
 
   const PlaneRows& rows() const { return rows_; }
+  PlaneRows& rows() { return rows_; }
   decltype(auto) finish() { return stream_.finish(); }
 
   // Goes on to a row: rows come from the top.
@@ -69,7 +60,7 @@ class PlaneCoder {
       return;
     }
     if (row > 0) next_row();
-    rate_ = static_cast<std::int16_t>(kRate + kFirstRate / static_cast<int>(row + 1));
+    rate_ = static_cast<std::int16_t>(kRate + kFirstRate / static_cast<int>(++models_.rows));
     stream_.make_room(static_cast<std::size_t>(columns_) * kMostDecisions);
   }
 
@@ -84,17 +75,11 @@ class PlaneCoder {
   }
 
  private:
-  static constexpr int kRate = 450, kFirstRate = 1500;
+  static constexpr int kRate = kFollows ? 330 : 450, kFirstRate = 1500;
   static constexpr int kEqualRate = 2500, kHasRate = 1800;
   static constexpr std::size_t kMostDecisions = 64;
-  static constexpr std::size_t kSpreadWays = 16, kSpreads = 128 * kSpreadWays, kBiases = 64 * 16;
-  static constexpr std::size_t kContexts = Quick ? 3 : 7;
-  static constexpr auto kContextSizes = [] {
-    if constexpr (Quick)
-      return std::array<std::uint32_t, 3>{17 * 4 * 8, 169, 256};
-    else
-      return std::array<std::uint32_t, 7>{17 * 4 * 8, 169, 169, 169, 256, 128, 256};
-  }();
+  static constexpr std::size_t kSpreadWays = Models::kSpreadWays;
+  static constexpr std::size_t kContexts = Models::kContexts;
 
   // The clamped gradient: the middle one of left, above, and left + above - left_above.
   static std::int32_t middle_of(std::int32_t left, std::int32_t above, std::int32_t left_above) {
@@ -103,11 +88,6 @@ class PlaneCoder {
   }
 
   bool is_attribute() const { return plan_.form.role == PlaneRole::Attribute; }
-
-  static std::uint32_t first_spread(std::size_t activity) {
-    const auto a = static_cast<std::uint32_t>(std::min<std::size_t>(activity, 79));
-    return 8 + 4 * (a < 4 ? a + 1 : (4 + a % 4) << (a / 4 - 1));
-  }
 
   void show_constant() {
     const auto n = static_cast<std::size_t>(columns_);
@@ -178,35 +158,14 @@ class PlaneCoder {
 
   template <bool Attribute>
   std::uint32_t code_equal(std::ptrdiff_t x, bool equal, std::int32_t same, std::uint32_t has) {
-    const std::uint8_t *here = rows_.equal[0] + x, *above = rows_.equal[1] + x;
-    const std::int32_t* off = (others_.like != nullptr ? others_.like : others_.range)->error[0] + x;
-    const std::uint32_t around =
-        here[-1] | here[-2] << 1 | above[0] << 2 | above[-1] << 3 | above[1] << 4 | (off[0] > 2 * (off[-1] + 1)) << 5;
     const std::uint32_t kind = Attribute ? others_.range->equal[0][x] | has << 1 : static_cast<std::uint32_t>(same > 0);
-    const std::uint32_t size = std::min(quarter_log(static_cast<std::uint32_t>(off[0])) / 2, 31u);
-    Odds* const odds = equal_odds_.data();
-    const std::uint32_t result =
-        stream_.by_odds(equal,
-                        std::array<Odds*, 3>{odds + around * 4 + kind, odds + 256 + kind * 32 + size,
-                                             odds + 512 + (around & 7u) * 4 + kind},
-                        kEqualRate);
+    const std::uint32_t result = stream_.by_odds(equal, equal_contexts(models_, rows_, others_, x, kind), kEqualRate);
     rows_.equal[0][x] = static_cast<std::uint8_t>(result);
     return result;
   }
 
   std::uint32_t code_has(std::ptrdiff_t x, bool has) {
-    const std::uint8_t *here = rows_.has[0] + x, *above = rows_.has[1] + x, *second = rows_.has[2] + x;
-    const std::int32_t *off = rows_.error[0] + x, *value = rows_.value[0] + x;
-    const std::uint32_t around = here[-1] | here[-2] << 1 | above[0] << 2 | above[-1] << 3 | above[1] << 4 |
-                                 second[0] << 5 | above[2] << 6 | here[-3] << 7;
-    const std::uint32_t size = std::min(quarter_log(static_cast<std::uint32_t>(off[-1] + activity_[x] / 4)) / 2, 31u);
-    const std::uint32_t range = std::min(quarter_log(static_cast<std::uint32_t>(value[-1]) >> 4) / 2, 15u);
-    Odds* const odds = has_odds_.data();
-    const std::uint32_t result = stream_.by_odds(
-        has,
-        std::array<Odds*, 4>{odds + around, odds + 512 + (row_ % 64) * 8 + (around & 7u),
-                             odds + 1024 + (around & 15u) * 32 + size, odds + 1536 + (around & 31u) * 16 + range},
-        kHasRate);
+    const std::uint32_t result = stream_.by_odds(has, has_contexts(models_, rows_, x, row_, activity_[x]), kHasRate);
     rows_.has[0][x] = static_cast<std::uint8_t>(result);
     return result;
   }
@@ -214,6 +173,7 @@ class PlaneCoder {
   // A number that is known without being coded here.
   void take_known(std::ptrdiff_t x, std::int32_t value, std::uint32_t has) {
     rows_.leaf[0][x] = kCentralLeaf;
+    rows_.scale[0][x] = rows_.scale[0][x - 1];
     if constexpr (!Quick) errors_[0][x] = errors_[0][x - 1];
     if (is_attribute() || value > 0) {
       rows_.has[0][x] = 1;
@@ -250,8 +210,8 @@ class PlaneCoder {
       around = has | left[-1] << 1 | up[0] << 2;
       p[3] = average;
       if (others_.mate != nullptr) {
-        ratio = &ratios_[ratio_of(has ? others_.range->value[0][x] : 0)];
-        p[3] = ratio->times(others_.mate->value[0][x], last_ratio_, plan_.most);
+        ratio = &models_.ratios[ratio_of<kFollows ? 6 : 4>(has ? others_.range->value[0][x] : 0)];
+        p[3] = ratio->times(others_.mate->value[0][x], models_.last_ratio, plan_.most);
       }
       p[4] = left[-1] == has ? (2 * near.left + near.second_left + 1) / 3 : last_[has];
       p[5] = up[0] == has    ? (near.above + near.second_above) / 2
@@ -259,16 +219,22 @@ class PlaneCoder {
              : up[-1] == has ? near.left_above
                              : last_[has];
     }
+    if constexpr (kFollows) {
+      const std::int32_t* was = rows_.was[0] + x;
+      p[6] = was[0] != kNothing ? was[0] : average;
+      p[7] = was[0] != kNothing && was[-1] != kNothing ? near.left + was[0] - was[-1] : p[6];
+    }
     Guess guess{};
+    PerPrediction sums{};
     if constexpr (Quick) {
       guess.eighths = 8 * (ratio != nullptr ? p[3]
                            : Attribute      ? middle_of(p[4], p[5], near.left_above)
                                             : middle_of(near.left, near.above, near.left_above));
     } else {
-      PerPrediction sums = sums_[x];
+      sums = sums_[x];
       const PerPrediction &e1 = errors_[0][x - 1], &e2 = errors_[0][x - 2];
       for (std::size_t i = 0; i < 8; ++i) sums[i] += 2 * e1[i] + e2[i];
-      guess = guess_of(near.left, p, sums);
+      guess = guess_of<kFollows ? 8 : 6>(near.left, p, sums);
     }
 
     const std::int32_t* off = rows_.error[0] + x;
@@ -278,12 +244,17 @@ class PlaneCoder {
                                    std::abs(near.above - near.right_above));
     const std::uint32_t calm = quarter_log(activity);
     const int steep = static_cast<int>(quarter_log(slope)) - static_cast<int>(calm);
+    const int way =
+        kFollows && Attribute && plan_.most > 255
+            ? static_cast<int>(quarter_log(static_cast<std::uint32_t>(std::clamp(guess.eighths, 0, plan_.most * 8)))) /
+                  4
+            : (steep + 18) / 2;
     std::uint32_t& spread =
-        spread_[std::min(127u, calm) * kSpreadWays + static_cast<std::size_t>(std::clamp((steep + 18) / 2, 0, 15))];
+        models_.spread[std::min(127u, calm) * kSpreadWays + static_cast<std::size_t>(std::clamp(way, 0, 15))];
     const std::uint32_t turn = Attribute ? around
                                          : static_cast<std::uint32_t>(near.above > near.left) << 1 |
                                                static_cast<std::uint32_t>(near.right_above > near.above);
-    std::int32_t& bias = bias_[std::min(63u, guess.least) * 16 + turn];
+    std::int32_t& bias = models_.bias[std::min(63u, guess.least) * 16 + turn];
     const std::int32_t eighths = std::clamp(guess.eighths + (bias >> 8), 0, plan_.most * 8);
     const std::int32_t expected = (eighths + 4) >> 3;
     const std::uint32_t share = (spread * (Attribute ? 3 : 2)) >> 8;
@@ -317,24 +288,47 @@ class PlaneCoder {
       if constexpr (Quick) {
         of = {base, beside, size};
       } else {
-        of = {base,
-              beside,
-              distance(near.right_above) * kDistanceClasses + distance(near.left_above),
-              distance(near.second_left) * kDistanceClasses + distance(near.second_above),
-              cross,
-              std::min(127u, extra),
-              size};
+        const std::array<std::uint32_t, 7> alone = {
+            base,
+            beside,
+            distance(near.right_above) * kDistanceClasses + distance(near.left_above),
+            distance(near.second_left) * kDistanceClasses + distance(near.second_above),
+            cross,
+            std::min(127u, extra),
+            size};
+        std::copy(alone.begin(), alone.end(), of.begin());
+        if constexpr (kFollows) {
+          const std::int32_t* was = rows_.was[0] + x;
+          const auto past = [&](std::int32_t from) { return from == kNothing ? kDistanceClasses : distance(from); };
+          const std::uint32_t fit = std::min(15u, quarter_log(static_cast<std::uint32_t>(sums[6]) >> scale) / 2);
+          of[7] = past(was[0]) * 14 + past(p[7]);
+          of[8] = past(was[0]) * 16 + fit;
+          of[9] = past(was[-1]) * 14 + past(was[1]);
+          if constexpr (Attribute) {
+            const PlaneRows& range = *others_.range;
+            const std::int32_t range_was = range.was[0][x];
+            const auto moved = static_cast<std::uint32_t>(std::abs(range.value[0][x] - range_was));
+            const std::uint32_t away = range_was == kNothing ? 15 : std::min(14u, quarter_log(moved) / 2);
+            of[10] = past(was[0]) * 16 + away;
+          } else {
+            of[10] = others_.like != nullptr ? distance(original(*others_.like, x)) * 16 + std::min(15u, calm / 4)
+                                             : static_cast<std::uint32_t>(row_ % 128);
+          }
+        }
       }
+      Cells* weights = nullptr;
+      if constexpr (kFollows) weights = models_.weights.data() + scale * kContexts * 2;
       std::array<Cells*, kContexts> contexts;
-      for (std::size_t i = 0; i < kContexts; ++i) contexts[i] = cells_.data() + begin_[i] + 2 * of[i];
-      value = numbers_.template code<Quick>(stream_, value, bins, near, contexts, rate_, Attribute ? 0 : 1, plan_.most,
-                                            leaf);
+      for (std::size_t i = 0; i < kContexts; ++i) contexts[i] = models_.cells.data() + models_.begin[i] + 2 * of[i];
+      value = models_.numbers.template code<Quick>(stream_, value, bins, near, contexts, rate_, Attribute ? 0 : 1,
+                                                   plan_.most, leaf, weights);
     }
 
     const std::int32_t wrong = std::abs(value - expected);
     rows_.value[0][x] = value;
     rows_.error[0][x] = std::min(wrong, 1 << 18);
     rows_.leaf[0][x] = static_cast<std::uint8_t>(leaf);
+    rows_.scale[0][x] = static_cast<std::uint8_t>(scale);
     if constexpr (!Quick) errors_[0][x] = errors_of(p, value);
     const auto now = static_cast<std::int32_t>(std::min(static_cast<std::uint32_t>(wrong) * 16, spread * 8 + 64));
     spread =
@@ -342,7 +336,7 @@ class PlaneCoder {
     const std::int32_t most = 32 << scale;
     bias = std::clamp(bias + 4 * std::clamp(value * 8 - eighths, -most, most), -(1 << 20), 1 << 20);
     if constexpr (Attribute) {
-      if (ratio != nullptr) ratio->learn(value, others_.mate->value[0][x], last_ratio_);
+      if (ratio != nullptr) ratio->learn(value, others_.mate->value[0][x], models_.last_ratio);
       before_last_[has] = last_[has];
     }
     last_[has] = value;
@@ -355,14 +349,27 @@ class PlaneCoder {
     const auto last = static_cast<std::uint32_t>(last_[has]), before = static_cast<std::uint32_t>(before_last_[has]);
     const auto up = static_cast<std::uint32_t>(above);
     const std::uint32_t width = quarter_log(spread);
-    return symbols_.front().template code<Quick ? 6 : 8>(
-        stream_, static_cast<std::uint32_t>(value),
-        {(guess >> 2) * 4 + std::min(3u, width / 8), has * 256 + last, has * 256 + up,
-         ((last >> 3) * 32 + (up >> 3)) * 2 + has, (last >> 3) * 32 + (before >> 3),
-         others_.range->leaf[0][x] * 8u + around,
-         others_.mate != nullptr ? others_.mate->leaf[0][x] * 32u + (guess >> 3) : has,
-         (guess >> 3) * 32 + std::min(31u, width)},
-        rate_);
+    std::array<std::uint32_t, Models::kSymbolContexts> of;
+    const std::array<std::uint32_t, 8> alone = {
+        (guess >> 2) * 4 + std::min(3u, width / 8),
+        has * 256 + last,
+        has * 256 + up,
+        ((last >> 3) * 32 + (up >> 3)) * 2 + has,
+        (last >> 3) * 32 + (before >> 3),
+        others_.range->leaf[0][x] * 8u + around,
+        others_.mate != nullptr ? others_.mate->leaf[0][x] * 32u + (guess >> 3) : has,
+        (guess >> 3) * 32 + std::min(31u, width)};
+    std::copy_n(alone.begin(), std::min(of.size(), alone.size()), of.begin());
+    if constexpr (kFollows) {
+      const std::int32_t was = rows_.was[0][x];
+      const std::uint32_t past = was == kNothing ? 0 : static_cast<std::uint32_t>(std::min(was, 255));
+      const std::int32_t range_was = others_.range->was[0][x];
+      const auto moved = static_cast<std::uint32_t>(std::abs(others_.range->value[0][x] - range_was));
+      const std::uint32_t away = range_was == kNothing ? 3 : std::min(2u, quarter_log(moved) / 4);
+      of[8] = has * 256 + past;
+      of[9] = ((past >> 3) * 32 + (last >> 3)) * 4 + away;
+    }
+    return models_.symbols.front().code(stream_, static_cast<std::uint32_t>(value), of, rate_);
   }
 
   PlanePlan plan_;
@@ -371,20 +378,12 @@ class PlaneCoder {
   std::int32_t* values_ = nullptr;
   OtherPlanes others_;
   Stream stream_;
+  Models& models_;
   std::int16_t rate_ = 0;
   PlaneRows rows_;
   Rows<PerPrediction, 2> errors_;
-  std::vector<PerPrediction> sums_;     // of the errors of each prediction in three cells above
-  std::vector<std::int32_t> activity_;  // the same of the expectation
-  std::vector<std::uint32_t> spread_;   // mean error in sixteenths, by activity and slope
-  std::vector<std::int32_t> bias_;
-  std::vector<Odds> equal_odds_, has_odds_;
-  std::array<std::uint32_t, kContexts> begin_{};
-  std::vector<Cells> cells_;
-  NumberCoder numbers_;
-  std::vector<SymbolCoder> symbols_;
-  std::array<Ratio, kRatios> ratios_{};
-  std::uint32_t last_ratio_ = 0;
+  std::vector<PerPrediction> sums_;                     // of the errors of each prediction in three cells above
+  std::vector<std::int32_t> activity_;                  // the same of the expectation
   std::array<std::int32_t, 2> last_{}, before_last_{};  // values of the row, without and with a return
 };
 

@@ -26,11 +26,13 @@ struct Ratio {
 
 inline constexpr std::size_t kRatios = 320;
 
-// Sixteen classes an octave.
-inline std::size_t ratio_of(std::int32_t range) {
-  const auto x = static_cast<std::uint32_t>(range) + 16;
-  const auto above = static_cast<std::uint32_t>(std::bit_width(x)) - 5;
-  return std::min<std::size_t>(16 * above + (x >> above) - 16, kRatios - 1);
+// 2^Bits classes an octave.
+template <std::uint32_t Bits = 4>
+std::size_t ratio_of(std::int32_t range) {
+  constexpr std::uint32_t size = 1u << Bits;
+  const auto x = static_cast<std::uint32_t>(range) + size;
+  const auto above = static_cast<std::uint32_t>(std::bit_width(x)) - Bits - 1;
+  return std::min<std::size_t>(size * above + (x >> above) - size, kRatios * size / 16 - 1);
 }
 
 }  // namespace lidarcodec

@@ -11,16 +11,16 @@
 
 namespace lidarcodec {
 
-inline constexpr std::size_t kSymbolContexts = 8;
-
+// N: of the contexts, the first ones, that are looked at.
+template <std::size_t N>
 class SymbolCoder {
  public:
-  using Contexts = std::array<std::uint32_t, kSymbolContexts>;  // below kSizes
-  static constexpr Contexts kSizes = {256, 512, 512, 2048, 1024, 256, 512, 1024};
+  static constexpr std::array<std::uint32_t, 10> kSizes = {256, 512, 512, 2048, 1024, 256, 512, 1024, 512, 4096};
+  using Contexts = std::array<std::uint32_t, N>;  // below kSizes
 
   SymbolCoder() {
     std::uint32_t total = 0;
-    for (std::size_t i = 0; i < kSymbolContexts; ++i) {
+    for (std::size_t i = 0; i < N; ++i) {
       begin_[i] = total;
       total += kSizes[i];
     }
@@ -28,8 +28,7 @@ class SymbolCoder {
     for (std::uint32_t i = 0; i < kSizes[0]; ++i) expect(i, 4 * (i / 4) + 2);
   }
 
-  // N: of the contexts, the first ones, that are looked at.
-  template <std::size_t N, class Stream>
+  template <class Stream>
   std::uint32_t code(Stream& stream, std::uint32_t value, const Contexts& contexts, std::int16_t rate) {
     std::array<Cells*, N> cells;
     for (std::size_t i = 0; i < N; ++i) cells[i] = cells_.data() + std::size_t{begin_[i] + contexts[i]} * kRecord;
