@@ -154,7 +154,10 @@ class StreamEncoder:
         return True
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
-        """Messages that became complete with this frame; `key` asks for a key frame."""
+        """Messages that became complete with this frame; `key` asks for a key frame.
+
+        Raises SettingsError for settings that a frame of its sensor cannot be coded with.
+        """
         if self.prepare(frame.sensor):
             key = True
         if not self._hdl64e and self._images is None:

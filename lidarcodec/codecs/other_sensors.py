@@ -139,11 +139,7 @@ class PlaneContent:
         return Coded(sections, needs)
 
     def _cloud(self, frame: Frame, rest: PacketRest) -> list[Section]:
-        """The message of a frame of a point cloud. Its REST section has nothing but the host time.
-
-        Raises SettingsError for settings that would leave fields out.
-        """
-        check_for(frame.sensor, self._settings.stream)
+        """The message of a frame of a point cloud. Its REST section has nothing but the host time."""
         cloud = encode_cloud(payload_of(frame), self._kind, self._settings.stream.max_error_m)
         without = PacketRest("", rest.packet_ns, np.zeros(0, np.uint16), ())
         return [Section(SectionType.REST, encode_rest(without)), Section(SectionType.CLOUD, cloud)]

@@ -22,12 +22,14 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.models.table import PACKETS, any_packets, names, sensor_named
 from lidarcodec.settings import MAX_BOUND_M, settings_from
 from lidarcodec.sources import open_source
 from tests.conftest import data_folder
 from tests.fuzz.mutations import mutated
+from tests.point_clouds import message, velodyne
 from tests.sensors.captures import CAPTURES
 from tests.sensors.ouster_packets import CAPTURES as OUSTERS
 from tests.sensors.ouster_packets import FOLDER
@@ -150,6 +152,9 @@ def disturbed(packets: Sequence[Packet], rng: random.Random) -> list[Packet]:
     return found
 
 
+OWN_TESTS = ("hdl64e", POINTCLOUD2, PACKETS)
+
+
 @pytest.mark.parametrize("codec", KINDS)
 @pytest.mark.parametrize("capture", SMALL)
 def test_packets_of_a_bad_line_come_back_too(capture: str, codec: str) -> None:
@@ -158,13 +163,22 @@ def test_packets_of_a_bad_line_come_back_too(capture: str, codec: str) -> None:
 
 
 @pytest.mark.parametrize("codec", KINDS)
-@pytest.mark.parametrize("model", [name for name in names() if name not in ("hdl64e", PACKETS) and "os" not in name])
+@pytest.mark.parametrize("model", [name for name in names() if name not in OWN_TESTS and "os" not in name])
 def test_a_frame_of_foreign_packets_alone_comes_back(model: str, codec: str) -> None:
     rng = random.Random(5)
     packets = [Packet(rng.randbytes(size), 10**18 + k) for k, size in enumerate((0, 1, 568, 1206, 1206, 1500, 20_000))]
     pairs = assert_exact(packets, sensor_named(model).generic_sensor, codec)
     assert [decoded.width for _, decoded in pairs] == [0] * len(pairs)
     assert all(len(decoded.cloud()) == 0 for _, decoded in pairs)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+def test_messages_that_are_no_clouds_come_back_too(codec: str) -> None:
+    rng = random.Random(6)
+    packets = [Packet(rng.randbytes(size), 10**18 + k) for k, size in enumerate((0, 1, 568, 20_000))]
+    packets.append(Packet(message(velodyne(20)), 10**18 + 9))
+    pairs = assert_exact(packets, cloud_sensor([packets[-1].payload]), codec)
+    assert [decoded.width > 0 for _, decoded in pairs] == [False] * 4 + [True]
 
 
 @pytest.mark.parametrize("codec", KINDS)

@@ -112,7 +112,8 @@ def test_bench_compares_with_zstd_of_the_messages(bag, messages):
     assert found["bits_per_point"]["planes"] > 0.9 * found["bits_per_point"]["total"]
 
 
-def test_fields_are_not_left_out(bag):
-    done = run_here("encode", str(bag), str(bag.with_name("out.mcap")), "--set", "intensity=off")
+@pytest.mark.parametrize("setting", ["intensity=off", "reduction=voxel"])
+def test_fields_and_points_are_not_left_out(bag, setting):
+    done = run_here("encode", str(bag), str(bag.with_name("out.mcap")), "--set", setting)
     assert done.returncode
-    assert "leave intensity=off out" in the_one_line(done)
+    assert f"leave {setting} out" in the_one_line(done)

@@ -17,7 +17,7 @@ from lidarcodec.errors import DecodeError, HeaderError, PacketError, SectionErro
 from lidarcodec.message import Message, Section
 from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, RecordingReader, RecordingWriter, read_recording, records
-from lidarcodec.recording.layout import pack_batch, unpack_batch
+from lidarcodec.recording.layout import batches_of, pack_batch, unpack_batch
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
 
@@ -182,7 +182,9 @@ def test_a_batch_of_packets_is_checked() -> None:
     with pytest.raises(SectionError):
         pack_batch([])
     with pytest.raises(PacketError, match="the limit is 65507"):
-        pack_batch([Packet(bytes(65_508), 0)])
+        pack_batch([Packet(bytes(65_508), 0), packet(1)])
+    with pytest.raises(PacketError, match="the limit is 33554432"):
+        pack_batch([Packet(bytes(2**25 + 1), 0)])
     data = pack_batch([packet(1), packet(2)])
     for wrong in (b"", data[:-1], data + b"\0", b"\0\0\0\0", b"\xff\xff\xff\xff" + data[4:]):
         with pytest.raises(SectionError):
@@ -195,6 +197,14 @@ def test_a_batch_has_packets_of_any_size() -> None:
     assert unpack_batch(pack_batch(sent)) == sent
     mixed = [sent[0], Packet(b"gps", 10**18, position=True), *sent[1:], Packet(b"", 10**18 + 9, position=True)]
     assert unpack_batch(pack_batch(mixed)) == mixed
+
+
+def test_messages_of_point_clouds_are_batches_of_their_own() -> None:
+    sent = [packet(1), Packet(bytes(65_508), 10**18), Packet(bytes(100_000), 10**18 + 1), packet(2), packet(3)]
+    batches = batches_of(sent)
+    assert [len(batch) for batch in batches] == [1, 1, 1, 2]
+    assert [one for batch in batches for one in unpack_batch(pack_batch(batch))] == sent
+    assert batches_of([]) == []
 
 
 def test_recordings_of_other_tools_are_read() -> None:
