@@ -141,5 +141,5 @@ def test_what_a_form_cannot_hold_is_said(frames, tmp_path):
     with pytest.raises(SettingsError, match=r"too large for \.ply"):
         open_output(tmp_path / "out.ply", tmp_path / "out.ply").write(frame.with_(index=2**40))
     far = frame.with_(sensor=dataclasses.replace(frame.sensor, range_step_m=429.0))
-    with pytest.raises(SettingsError, match="further away"):
+    with pytest.raises(SettingsError, match="too far away"):
         open_output(tmp_path / "out.las", tmp_path / "out.las").write(far)

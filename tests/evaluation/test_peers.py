@@ -128,4 +128,4 @@ def test_a_peer_that_fails_is_left_out_unless_it_was_asked_for(no_return, capsys
     names = {entry["codec"] for entry in json.loads(shown.out)}
     assert {"zstd", "peer:xz-rows"} <= names
     for line in shown.err.splitlines():
-        assert line.startswith("left out: peer:")
+        assert line.startswith("not measured: peer:")

@@ -255,7 +255,7 @@ def test_what_other_tools_put_together_is_read_whole_or_said_to_be_left_out(capl
     reader = RecordingReader(file)
     assert [one for _, one in reader.messages()] == [message(0, True), message(1, True)]
     assert reader.counts["other topics"] == 1
-    assert "?topic=lidarcodec/v1/truck/right/frame reads those" in caplog.text
+    assert "?topic=lidarcodec/v1/truck/right/frame reads them" in caplog.text
 
 
 @pytest.mark.parametrize("damage", ["opcode", "length"])
@@ -346,7 +346,7 @@ def test_only_messages_and_proper_names_are_recorded() -> None:
     writer = RecordingWriter(io.BytesIO(), "truck", "roof")
     with pytest.raises(DecodeError):
         writer.write(b"anything")
-    with pytest.raises(HeaderError, match="announces"):
+    with pytest.raises(HeaderError, match="should have"):
         writer.write(message(1, True)[:-1])
 
 

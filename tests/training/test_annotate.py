@@ -265,6 +265,6 @@ def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, annotated: A
         folder.note(frames=10**9)
     np.savez(path, **arrays)
     began_s = time.monotonic()
-    with pytest.raises(SourceError, match=r"holds no labels|of another frame|not a whole annotated drive"):
+    with pytest.raises(SourceError, match=r"has no labels|of another frame|is not completely annotated"):
         list(labelled([folder.path]))
     assert time.monotonic() - began_s < 10.0

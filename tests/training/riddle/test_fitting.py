@@ -90,7 +90,7 @@ def test_a_network_that_whole_numbers_would_change_is_not_exported(tmp_path: Pat
         net.layers[0].weight *= 1e-5
         net.layers[0].weight[0, 0] = 200.0
         net.layers[1].weight *= 1e3
-    with pytest.raises(SettingsError, match="whole numbers"):
+    with pytest.raises(SettingsError, match="the integer network"):
         nets.exported(net, 0, [toy_rows(2000, 1)])
 
 
