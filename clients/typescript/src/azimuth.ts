@@ -50,7 +50,7 @@ export function readAzimuth(data: Uint8Array, width: number): Columns {
   return { width, azimuth, fired };
 }
 
-/** Rotations one after the other, each a step on from the last. */
+/** Azimuths coded as steps from one column to the next. */
 class Steps {
   readonly #coder: RangeDecoder;
   readonly #list: number[];

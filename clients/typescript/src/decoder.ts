@@ -23,16 +23,16 @@ export interface Frame extends Planes {
   readonly sensor: Sensor;
   /** 64 x W, in range steps, 0 = no return. */
   readonly range: Uint16Array;
-  /** Cells with a range that was measured. */
+  /** 1 for cells with a measured range. */
   readonly returns: number;
-  /** The columns that were sent where the frame was thinned to some, ascending; else null. Of the others nothing is
-   * said in `fired`. */
+  /** Ascending indices of the sent columns of a thinned frame; otherwise null. `fired` has no values for the other
+   * columns. */
   readonly lattice: Uint16Array | null;
-  /** 64 x W, 1 for a return that `filled` made up; null before that. `mask` has measured ones only. */
+  /** 64 x W, 1 for a return that `filled` interpolated; null before that. `mask` has only measured returns. */
   readonly filled: Uint8Array | null;
-  /** How many were made up. */
+  /** Number of interpolated returns. */
   readonly madeUp: number;
-  /** T_world_sensor at the stamp, the first three rows; null where the vehicle does not know it. */
+  /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
   readonly pose: Float64Array | null;
 }
 
@@ -42,7 +42,7 @@ export class Decoder {
   #sensors = new SensorBook<Sensor>([1, 2], readSensor);
   #described = new SensorBook<DescribedSensor>([3], readDescribed);
   readonly #history = new MaskHistory();
-  /** Index of the frame decoded last, and that frame until a mask refers to it. */
+  /** Index of the last decoded frame, and the frame itself until a mask refers to it. */
   #last: bigint | null = null;
   #unseen: { planes: Planes; sensor: Sensor }[] = [];
 

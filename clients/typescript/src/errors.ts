@@ -1,4 +1,4 @@
-/** What is wrong with a message. `code` is a word for programs, `message` a sentence for people. */
+/** An error in a message. `code` is a word for programs, `message` a sentence for people. */
 export type ErrorCode =
   | "header" // no message, or a field of its header beyond the limits
   | "version" // another major version, codec, form or critical flag than this decoder knows
@@ -7,7 +7,7 @@ export type ErrorCode =
   | "section" // a section that contradicts itself or the rest
   | "reference"; // it builds on a message that was not decoded: ask for a key message
 
-/** The only error that decoding raises, whatever the bytes. */
+/** The only error that decoding throws, for any bytes. */
 export class DecodeError extends Error {
   readonly code: ErrorCode;
 

@@ -1,4 +1,4 @@
-/** Returns made up between columns that were sent: the rule of lidarcodec/filling.py.
+/** Interpolated returns between sent columns: the rule of lidarcodec/filling.py.
  *
  * Between two returns of a row on one surface the inverse of the range is interpolated. Elsewhere each return stands for
  * the half of the gap that is next to it, and the middle column stays empty. All in whole numbers, so that every decoder
@@ -10,7 +10,7 @@ import type { Lattice } from "./lattice.js";
 /** Ranges a and b lie on one surface if they differ by at most JUMP + min(a, b) / SHARE steps; 0.25 m. */
 const JUMP = 125;
 const SHARE = 20;
-/** Columns between which something is made up. */
+/** Largest gap in columns that is filled. */
 const WIDEST = 64;
 
 /** Fills images in place, of any number of rows. Returns as many numbers, 1 where a return was made up, and how many there are.
@@ -43,7 +43,7 @@ export function fill(range: Uint16Array, intensity: Uint8Array | null, { width, 
   return [made, count];
 }
 
-/** The frame with returns made up between the columns of its lattice, marked in `filled`; others as they are. */
+/** The frame with interpolated returns between the columns of its lattice, marked in `filled`; other frames unchanged. */
 export function filled(frame: Frame): Frame {
   if (frame.lattice === null || frame.filled !== null) return frame;
   const [range, intensity] = [frame.range.slice(), frame.intensity.slice()];

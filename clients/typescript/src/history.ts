@@ -1,4 +1,4 @@
-/** What was last sent in each of 2000 directions: what masks of messages that need others refer to. */
+/** The mask that was last sent in each of 2000 directions. Masks of inter frames refer to it. */
 
 import type { Columns } from "./azimuth.js";
 import { ROWS, type Sensor } from "./sensor.js";

@@ -1,7 +1,7 @@
-/** One zlib stream (RFC 1950) of at most so many bytes, opened (RFC 1951). Small lists only: it is short, not quick.
+/** Decompresses a zlib stream (RFC 1950, RFC 1951) with a limit of bytes. For small lists: the code is short, not fast.
  *
- * `Decoder.decode` answers at once, in Node and in browsers. Node's zlib is not in browsers, and their
- * DecompressionStream only answers later. */
+ * `Decoder.decode` is synchronous, in Node and in browsers. Browsers do not have Node's zlib, and their
+  * DecompressionStream is asynchronous. */
 
 import { damaged } from "./errors.js";
 
@@ -13,7 +13,7 @@ const LONGEST_CODE = 15;
 
 const broken = () => damaged("a zlib stream that is damaged");
 
-/** Bits of a stream, the lowest of each byte first. */
+/** Reads bits, the lowest of each byte first. */
 class Bits {
   readonly data: Uint8Array;
   at = 0;
@@ -36,18 +36,18 @@ class Bits {
     return value;
   }
 
-  /** Leave out what is left of this byte. */
+  /** Skip the rest of this byte. */
   align(): void {
     this.#held = this.#count = 0;
   }
 }
 
-/** A code of Huffman by the lengths of its words. */
+/** A Huffman code, from the lengths of its words. */
 class Code {
   readonly #counts = new Uint16Array(LONGEST_CODE + 1);
   readonly #symbols: Uint16Array;
 
-  /** lengths: of each symbol's word, 0 for a symbol without one */
+  /** lengths: length of each symbol's word, 0 for a symbol without a word */
   constructor(lengths: Uint8Array) {
     for (const length of lengths) this.#counts[length]++;
     this.#counts[0] = 0;
@@ -59,7 +59,7 @@ class Code {
       begins[length + 1] = begins[length] + this.#counts[length];
     }
     const words = begins[LONGEST_CODE + 1];
-    // A code with words to spare is allowed with one word only.
+    // An incomplete code is allowed only if it has a single word.
     if (left > 0 && words > 1) throw broken();
     this.#symbols = new Uint16Array(words);
     lengths.forEach((length, symbol) => {
@@ -112,7 +112,7 @@ function ownCodes(bits: Bits): [Code, Code] {
   return [new Code(lengths.subarray(0, literals)), new Code(lengths.subarray(literals))];
 }
 
-/** The bytes of a stream that is all of `data`. Throws DecodeError for one of more than `most` bytes, or a damaged one. */
+/** The bytes of the stream `data`. Throws DecodeError for more than `most` bytes, or a damaged stream. */
 export function inflated(data: Uint8Array, most: number): Uint8Array {
   if (data.length < 6 || (data[0] & 15) !== 8 || data[0] >> 4 > 7 || (256 * data[0] + data[1]) % 31 !== 0) throw broken();
   if (data[1] & 32) throw broken(); // a dictionary that nobody has

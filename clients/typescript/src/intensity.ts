@@ -1,4 +1,4 @@
-/** The INTENSITY section: forms 0 to 2, and 3 to 5 whose returns are modelled (docs/wire-format-intensity.md). */
+/** The INTENSITY section: forms 0 to 2, and forms 3 to 5 with modelled returns (docs/wire-format-intensity.md). */
 
 import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -7,7 +7,7 @@ import { firedCells } from "./rows.js";
 import type { Sensor } from "./sensor.js";
 import { zstdFrame } from "./zstd.js";
 
-/** How modelled bytes of the returns become an image, 64 x W. */
+/** Decodes modelled bytes of the returns to an image, 64 x W. */
 export type Modelled = (coded: Uint8Array) => Uint8Array;
 
 /** 64 x W. mask: 64 x W, the returns; modelled: by default this decoder's own */
@@ -36,7 +36,7 @@ export function readIntensity(
   return image;
 }
 
-/** Coded bytes of the returns, in groups by the byte of the return before. */
+/** Coded bytes of the returns, grouped by the byte of the previous return. */
 function readGrouped(data: Uint8Array, mask: Uint8Array): Uint8Array {
   const groups = data.length > 0 ? data[0] : 0;
   let at = 1 + 9 * groups;

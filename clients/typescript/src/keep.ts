@@ -1,4 +1,4 @@
-/** Kinds 4 and 5 of the KEEP section (docs/wire-format-keep.md): which few returns of a reduced frame are left. */
+/** Kinds 4 and 5 of the KEEP section (docs/wire-format-keep.md): the few kept returns of a reduced frame. */
 
 import { type Columns, TURN } from "./azimuth.js";
 import { damaged } from "./errors.js";
@@ -24,14 +24,14 @@ function halvings(value: number, most: number): number {
   return times;
 }
 
-/** A table whose contexts begin with a level, `each` of them a level. */
+/** A table with `each` contexts for every level. */
 function startedModels(each: number): BitModels {
   const models = new BitModels(7 * each);
   for (let context = 0; context < 7 * each; context++) models.start(context, STARTS[Math.floor(context / each)]);
   return models;
 }
 
-/** Directions by which a row looks aside. The product needs 62 bits. */
+/** Directions by which a row is offset. The product needs 62 bits. */
 function aside(rotation: number): number {
   const turn = 628_318_531n;
   const positive = ((BigInt(rotation) % turn) + turn) % turn;
@@ -39,7 +39,7 @@ function aside(rotation: number): number {
   return Number(((angle + 2n ** 20n) % 2n ** 32n) >> 21n);
 }
 
-/** 64 x W of 1 and 0. earlier: as wide, what was last sent in the direction of each cell */
+/** 64 x W of 1 and 0. earlier: 64 x W, the mask last sent in the direction of each cell */
 export function readKeep(data: Uint8Array, columns: Columns, sensor: Sensor, earlier: Uint8Array | null): Uint8Array {
   const withEarlier = data[0] === SPARSE_WITH_EARLIER;
   if (withEarlier && (earlier === null || columns.width === 0)) throw damaged("a keep mask that refers to none");
@@ -110,7 +110,7 @@ export function readKeep(data: Uint8Array, columns: Columns, sensor: Sensor, ear
   return image;
 }
 
-/** What the rows above kept around each direction; found when it is asked for, for a row that has not begun to change it. */
+/** What the rows above kept around each direction, computed when needed, before the present row changes it. */
 class Surroundings {
   readonly #ages: Uint8Array;
   readonly #crowd = new Int8Array(DIRECTIONS).fill(-1);

@@ -1,4 +1,4 @@
-/** Frames that were thinned to some of their columns, put back into their own (docs/wire-format-sections.md, "Lattice"). */
+/** Thinned frames: puts the sent columns back into the whole frame (docs/wire-format-sections.md, "Lattice"). */
 
 import { TURN } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -11,11 +11,11 @@ const MOST_PACKETS = 2048;
 export interface Lattice {
   /** Columns of the whole frame. */
   readonly width: number;
-  /** Those that were sent, ascending. */
+  /** The sent columns, ascending. */
   readonly columns: Uint16Array;
 }
 
-/** How the whole frame is made of a narrow one; null for a frame that was not thinned. The side information is skipped. */
+/** How to make the whole frame from the narrow one; null for a frame that is not thinned. Skips the side information. */
 export function latticeOf(message: Message): Lattice | null {
   const data = message.section(Section.LATTICE);
   return data === null ? null : readLattice(data, message.planes ? null : message.width);
@@ -68,7 +68,7 @@ export function widened<T extends Uint8Array | Uint16Array | Uint32Array>(narrow
   return wide;
 }
 
-/** Azimuths of all columns from those of some, 2 x W: straight between them, the short way round. */
+/** Azimuths of all columns, 2 x W, by linear interpolation between the sent ones, the short way round. */
 export function widenedAzimuth(narrow: Uint16Array, { width, columns }: Lattice): Uint16Array {
   const count = columns.length;
   const wide = new Uint16Array(2 * width);
@@ -84,7 +84,7 @@ export function widenedAzimuth(narrow: Uint16Array, { width, columns }: Lattice)
   return wide;
 }
 
-/** here + way / gap as an angle: the nearest, a half to the even one. */
+/** here + way / gap as an angle, rounded half to even. */
 function turned(here: number, way: number, gap: number): number {
   const twice = 2 * way + gap;
   let value = here + Math.floor(twice / (2 * gap));

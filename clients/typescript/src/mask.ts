@@ -1,4 +1,4 @@
-/** The MASK section, and KEEP where it is written in the same way: which cells are returns. */
+/** The MASK section, and KEEP sections of the same form: which cells are returns. */
 
 import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -9,11 +9,11 @@ import { ROWS, type Sensor } from "./sensor.js";
 const STARTS = [10000, 24000, 42000, 61000];
 const RUN_CLASS = [0, 1, 2, 3, 4, 4, 5, 5, 5, 6, 6, 6, 6, 6, 6, 7];
 const REACH = 6;
-/** A model so sure of itself decides alone. */
+/** A model with at least this confidence decides alone. */
 const SURE_BELOW = 512;
 const SURE_ABOVE = 65024;
 
-/** 64 x W of 1 and 0. earlier: as wide, what was last sent in the direction of each cell */
+/** 64 x W of 1 and 0. earlier: 64 x W, the mask last sent in the direction of each cell */
 export function readMask(data: Uint8Array, columns: Columns, sensor: Sensor, earlier: Uint8Array | null): Uint8Array {
   const mask = new Uint8Array(ROWS * columns.width);
   const kind = data.length > 0 ? data[0] : -1;
@@ -72,7 +72,7 @@ function readRows(
     const u = rows.seen(done[row - 1] ?? null, row - 1, row, turn, REACH);
     const v = rows.seen(done[row - 2] ?? null, row - 2, row, turn, REACH);
     const p = earlier === null ? v : seenEarlier(earlier, row, width, columns, shift);
-    // How many ones there are around a cell, kept while moving on.
+    // Number of ones around a cell, updated from cell to cell.
     const wide = earlier === null ? 6 : 3;
     const around = earlier === null ? v : p;
     let ones = 0;

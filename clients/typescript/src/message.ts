@@ -47,7 +47,7 @@ export interface Message {
   readonly frames: number;
   readonly width: number;
   readonly packets: number;
-  /** Of a known type and ordinal; views of the bytes given. */
+  /** Sections of known type and ordinal; views of the given bytes. */
   section(type: number, ordinal?: number): Uint8Array | null;
 }
 
@@ -55,11 +55,11 @@ function within(value: number, low: number, high: number, what: string): void {
   if (value < low || value > high) throw new DecodeError("header", `${what} is ${value}, allowed is ${low} to ${high}`);
 }
 
-/** A message out of exactly its bytes, looked at in the order that the page asks for. */
+/** Reads a message from exactly its bytes, with checks in the order of docs/wire-format.md. */
 export function readMessage(given: Uint8Array): Message {
   const data = new Uint8Array(given.buffer, given.byteOffset, given.byteLength); // Node's Buffer slices otherwise
   if (MAGIC.some((byte, at) => at < data.length && data[at] !== byte))
-    throw new DecodeError("header", "this is no message: other first bytes");
+    throw new DecodeError("header", "this is not a message: its first bytes are wrong");
   if (data.length < 5) throw new DecodeError("truncated", "a message ends within its version");
   if (data[4] !== 1) throw new DecodeError("version", `format version ${data[4]}: this decoder reads version 1`);
   const least = HEADER_BYTES + CHECKSUM_BYTES;
@@ -88,8 +88,8 @@ export function readMessage(given: Uint8Array): Message {
   ];
   for (const [what, value, low, high] of limits) within(value, low, high, what);
   if (index >= 1n << 63n) throw new DecodeError("header", "the frame index is beyond 2^63");
-  if (!(flags & 2) && needs !== 0n) throw new DecodeError("header", "a needed frame is named without the flag");
-  if (flags & 2 && (key || needs >= index)) throw new DecodeError("header", "a needed frame that cannot be");
+  if (!(flags & 2) && needs !== 0n) throw new DecodeError("header", "the header names a needed frame without the flag");
+  if (flags & 2 && (key || needs >= index)) throw new DecodeError("header", "the needed frame is not an earlier frame");
 
   const [frames, width, packets, count] = limits.map(([, value]) => value);
   const sections = readSections(data.subarray(headerBytes, end), view, headerBytes, count, frames);
@@ -131,7 +131,7 @@ function readSections(body: Uint8Array, view: DataView, from: number, count: num
   return found;
 }
 
-/** A section that has to be there. */
+/** A required section. */
 export function needed(message: Message, type: number, name: string): Uint8Array {
   const data = message.section(type);
   if (data === null) throw damaged(`a message without ${name}`);

@@ -1,4 +1,4 @@
-/** Modelled intensities (docs/wire-format-intensity.md): contexts of seven kinds, whose log odds add up. */
+/** Modelled intensities (docs/wire-format-intensity.md): contexts of seven kinds; their log odds are added. */
 
 import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -8,10 +8,10 @@ import { ROWS, type Sensor } from "./sensor.js";
 import { WideDecoder } from "./widecoder.js";
 
 const CONTEXTS = 7;
-/** Cells of the row above that are looked at: one to the left, two to the right. */
+/** Cells of the row above in the context: one to the left, two to the right. */
 const REACH = 2;
 
-/** Values that are in use, rising, and the class of each. */
+/** Used values, ascending, and the class of each. */
 interface Symbols {
   readonly values: number[];
   readonly classes: number[];
@@ -79,7 +79,7 @@ function readSymbols(data: Uint8Array): Symbols {
   return { values, classes };
 }
 
-/** Symbols of the cells of a row, those of cells that are no returns filled in; `seen`: the row above. */
+/** Symbols of the cells of a row, with filled-in symbols for cells without returns; `seen`: the row above. */
 function codeRow(tree: Tree, streams: WideDecoder[], cells: Uint8Array, seen: Uint8Array): Uint8Array {
   const returns = Array.from(cells.keys()).filter((k) => cells[k]);
   const out = new Uint8Array(cells.length);
@@ -151,7 +151,7 @@ class Tree {
     this.#startByGap();
   }
 
-  /** Cells of a slot are those of its nodes: of level l and way w that of 2^l + w. */
+  /** The cells of a slot belong to its nodes: the node of level l and path w has cell 2^l + w. */
   #startByGuess(): void {
     const [n, whole] = [this.#n, this.#nodes];
     for (let guess = 0; guess < 16; guess++) {
@@ -197,7 +197,7 @@ class Tree {
     return { stream, slots: slots.map((slot) => slot * this.#nodes), way: 1 };
   }
 
-  /** Takes all down to their leaves, four levels before what was learned is noted. */
+  /** Decodes all down to their leaves; the models are updated after every four levels. */
   decode(leaves: Leaf[]): void {
     for (let from = 0; from < this.#levels; from += 4) {
       const decided: Decided[] = [];

@@ -1,4 +1,4 @@
-/** All of a frame but its ranges: where it looked, which cells are returns, and their intensities. */
+/** A frame without ranges: azimuths, which cells are returns, and their intensities. */
 
 import { type Columns, readAzimuth } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -15,7 +15,7 @@ export interface Planes extends Columns {
   readonly intensity: Uint8Array;
 }
 
-/** How what a mask refers to is looked up, once the azimuths are known. */
+/** Looks up the reference of a mask, once the azimuths are known. */
 export type Earlier = (columns: Columns) => Uint8Array;
 
 export function readPlanes(message: Message, sensor: Sensor, earlier: Earlier | null): Planes {
@@ -35,7 +35,7 @@ export function count(cells: Uint8Array): number {
   return ones;
 }
 
-/** The odd step of a RANGE section, and what follows it. */
+/** The odd step of a RANGE section, and the bytes after it. */
 export function splitStep(data: Uint8Array): [number, Uint8Array] {
   if (data.length < 2) throw new DecodeError("truncated", "ranges end within their step");
   const step = data[0] | (data[1] << 8);

@@ -14,7 +14,7 @@ export interface Points {
   readonly intensity: Uint8Array;
   /** Row of each point, 0 the highest beam. */
   readonly ring: Uint8Array;
-  /** 1 for a point that was made up between columns that were sent. */
+  /** 1 for a point interpolated between sent columns. */
   readonly filled: Uint8Array;
 }
 
@@ -22,7 +22,7 @@ function scaled(sensor: Sensor, field: number, unit: number): Float64Array {
   return Float64Array.from(rowValues(sensor, field), (steps) => steps * unit);
 }
 
-/** Points of the returns, those that `filled` made up among them, column by column, in a column from the top ring down. */
+/** Points of the returns, including interpolated ones, column by column, in a column from the top ring down. */
 export function pointsOf(frame: Frame): Points {
   const { width, sensor, range, mask } = frame;
   const rot = scaled(sensor, Field.rotation, 1e-8);

@@ -1,9 +1,9 @@
-/** The POSE section (docs/wire-format.md): where the sensor was. */
+/** The POSE section (docs/wire-format.md): the sensor's pose. */
 
 import { damaged } from "./errors.js";
 import { type Message, Section } from "./message.js";
 
-/** Rows of (R | t) in row order, 12 numbers; null where the message has none. Throws DecodeError. */
+/** Rows of (R | t) in row order, 12 numbers; null if the message has no pose. Throws DecodeError. */
 export function readPose(message: Message): Float64Array | null {
   const data = message.section(Section.POSE);
   if (data === null) return null;
@@ -14,7 +14,7 @@ export function readPose(message: Message): Float64Array | null {
   return pose;
 }
 
-/** Whether 12 numbers, rows of (R | t), are a rotation, as far as rounding leaves one, and a shift of less than 10^9 m. */
+/** Whether 12 numbers, rows of (R | t), are a rotation, up to rounding, and a shift of less than 10^9 m. */
 function isRigid(p: Float64Array): boolean {
   const row = (i: number): number[] => [p[4 * i]!, p[4 * i + 1]!, p[4 * i + 2]!];
   const dot = (a: number[], b: number[]): number => a[0]! * b[0]! + a[1]! * b[1]! + a[2]! * b[2]!;

@@ -38,7 +38,7 @@ function limited(value: number, low: number, high: number): number {
   return value < low ? low : value > high ? high : value;
 }
 
-/** Bit models of many contexts: of each the probability of a one, in 22 bits, and how much it has seen. */
+/** Bit models of many contexts: for each the probability of a one in 22 bits, and a count of decisions. */
 export class BitModels {
   readonly p: Uint32Array;
   readonly n: Uint8Array;
@@ -69,7 +69,7 @@ export class BitModels {
   }
 }
 
-/** Weighs several models against each other. `shift`: how fast its weights move, 16 slow, 14 quick. */
+/** Mixes several models by weights. `shift`: learning rate of the weights, 16 slow, 14 fast. */
 export class Mixer {
   readonly #weights: number[];
   readonly #shift: number;
@@ -81,7 +81,7 @@ export class Mixer {
     this.#half = 2 ** (shift - 1);
   }
 
-  /** A decision by all of them, after which mixer and models learn it. */
+  /** Decodes a decision with all models; then mixer and models learn it. */
   decide(coder: RangeDecoder, models: readonly BitModels[], contexts: ArrayLike<number>): number {
     let sum = 0;
     for (let i = 0; i < models.length; i++) sum += this.#weights[i] * models[i].stretched(contexts[i]);
@@ -133,21 +133,21 @@ export class RangeDecoder {
     return bit;
   }
 
-  /** A decision by one model, which learns it. */
+  /** Decodes a decision with one model, which then learns it. */
   bit(models: BitModels, context: number): number {
     const bit = this.decision(models.chance(context));
     models.learn(context, bit);
     return bit;
   }
 
-  /** Bits of even chance, the highest first; up to 32. */
+  /** Up to 32 bits with probability 1/2, the highest first. */
   bits(count: number): number {
     let value = 0;
     for (let i = 0; i < count; i++) value = value * 2 + this.decision(32768);
     return value;
   }
 
-  /** After the last decision: the stream must end here, as an encoder would have ended it. */
+  /** After the last decision: checks that the stream ends here, exactly as an encoder ends it. */
   end(): void {
     const moved = this.#read - UNDERSTOOD_ZEROS;
     if (this.#data.length === moved) return;

@@ -1,4 +1,4 @@
-/** The RANGE section of codec zstd, and how an index of a range comes back. */
+/** The RANGE section of codec zstd, and the range of an index. */
 
 import { damaged } from "./errors.js";
 import { count, splitStep } from "./planes.js";

@@ -1,4 +1,4 @@
-/** Codec raw: every plane as it is. */
+/** Codec raw: every plane without compression. */
 
 import { TURN } from "./azimuth.js";
 import { damaged } from "./errors.js";

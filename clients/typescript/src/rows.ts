@@ -1,4 +1,4 @@
-/** Rows of an image without the cells that were not fired, and how one row lies above another. */
+/** Rows of an image without cells that were not fired, and the offset between two rows. */
 
 import type { Columns } from "./azimuth.js";
 import { Field, ROWS, type Sensor, rowValues } from "./sensor.js";
@@ -10,7 +10,7 @@ export class Rows {
   readonly half: Uint8Array;
   readonly rotation: Int32Array;
   readonly #width: number;
-  /** Of each half: columns that were fired, and for each column how many of them lie before it. */
+  /** For each half: the fired columns, and for each column the number of fired ones before it. */
   readonly #columns: readonly Int32Array[];
   readonly #before: readonly Int32Array[];
 
@@ -73,7 +73,7 @@ export function spread(image: Uint8Array, row: number, columns: Int32Array, cell
   for (let k = 0; k < columns.length; k++) image[begin + columns[k]] = cells[k];
 }
 
-/** Of each cell whether its half was fired, 64 x W. */
+/** 64 x W, whether the half of each cell was fired. */
 export function firedCells({ width, fired }: Columns, sensor: Sensor): Uint8Array {
   const cells = new Uint8Array(ROWS * width);
   for (let row = 0; row < ROWS; row++) {

@@ -1,4 +1,4 @@
-/** The CALIBRATION section: what a sensor's numbers mean. */
+/** The CALIBRATION section: the sensor's calibration and units. */
 
 import { DecodeError, damaged } from "./errors.js";
 import { type Message, Section, needed } from "./message.js";
@@ -29,9 +29,9 @@ export interface Sensor {
   readonly convention: "ros" | "veloview";
   /** Metres of one range unit. */
   readonly rangeStep: number;
-  /** 11 x 64, a row a value, a column a laser. */
+  /** 11 x 64, a row for each value, a column for each laser. */
   readonly table: Int32Array;
-  /** Laser of each row of an image: falling vertical correction, then rising id. */
+  /** Laser of each row of an image: by descending vertical correction, then ascending id. */
   readonly laser: Uint8Array;
   /** Half of a column in which each row fires: 0 upper (lasers 0 to 31), 1 lower. */
   readonly half: Uint8Array;

@@ -1,4 +1,4 @@
-/** SHA-256 (FIPS 180-4). Browsers have one of their own only on pages that came by HTTPS. */
+/** SHA-256 (FIPS 180-4). Browsers provide it only on pages loaded by HTTPS. */
 
 const PRIMES = firstPrimes(64);
 /** The first 32 bits of the fractional parts of cube roots of primes, and of square roots for the start. */

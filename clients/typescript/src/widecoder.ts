@@ -57,7 +57,7 @@ export class WideDecoder {
     return bit;
   }
 
-  /** After the last decision: the stream must end here, as an encoder would have ended it. */
+  /** After the last decision: checks that the stream ends here, exactly as an encoder ends it. */
   end(): void {
     const big = (high: number, low: number) => (BigInt(high) << 32n) | BigInt(low);
     const whole = 1n << 64n;

@@ -1,11 +1,11 @@
-/** "One zstd frame of n bytes" (docs/wire-format.md): its stated size is looked at before memory is taken. */
+/** "One zstd frame of n bytes" (docs/wire-format.md): its stated size is checked before memory is allocated. */
 
 import { ZSTDDecoder } from "zstddec";
 import { damaged } from "./errors.js";
 
 const library = new ZSTDDecoder();
 
-/** Has to have ended before the first frame is opened. */
+/** Must have finished before the first frame is decompressed. */
 export async function zstdReady(): Promise<void> {
   await library.init();
 }

@@ -1,4 +1,4 @@
-/** What the page knows: who looks, which streams there are, which one is chosen. Components read signals from here. */
+/** The state of the page: the user, the streams, and the chosen stream. Components read signals from here. */
 import { computed, signal } from "@preact/signals";
 import { Problem, request } from "./model/api";
 import { fillsFor } from "./model/filling";
@@ -13,14 +13,14 @@ const TOKEN = "lidarcodec.token";
 const OPTIONS = "lidarcodec.view";
 const FLEET_MS = 1000;
 const STREAM_MS = 1000;
-/** While no stream is there: a vehicle that has just been started is to be seen at once. */
+/** Interval while there is no stream, so that a new vehicle appears at once. */
 const EMPTY_MS = 300;
 
 export const token = signal<string | null>(sessionStorage.getItem(TOKEN));
 export const session = signal<Session | null>(null);
 /** `asking`: it is not known yet whether a token is needed. */
 export const gate = signal<"asking" | "closed" | "open">("asking");
-/** Why a token is asked for again. */
+/** Why the page asks for a token again. */
 export const gateReason = signal<string | null>(null);
 /** Since when the server does not answer; null while it does. */
 export const awaySince = signal<number | null>(null);
@@ -33,13 +33,13 @@ export const links = signal<Link[]>([]);
 
 export const chosen = signal<string | null>(fromHash());
 export const chosenRow = computed(() => rows.value?.find((row) => keyOf(row) === chosen.value) ?? null);
-/** The chosen stream as its vehicle told it last; null before that. */
+/** The last state of the chosen stream; null before the first. */
 export const stream = signal<Stream | null>(null);
-/** Why its target bitrate is not kept; null while it is. */
+/** Why its target bitrate is missed; null while it is reached. */
 export const missed = signal<TargetWarning | null>(null);
 export const stats = signal<ViewStats | null>(null);
 export const options = signal<ViewOptions>(kept());
-/** Streams of recordings and for programs whose gaps are filled all the same, because somebody wanted it. */
+/** Streams of recordings and for programs for which the user has switched on filling. */
 const filledAnyway = signal<ReadonlySet<string>>(new Set());
 /** Whether gaps of the chosen stream are filled. */
 export const fillGaps = computed(() =>
@@ -52,8 +52,8 @@ function signedOut(): boolean {
   return gate.value === "closed";
 }
 
-/** A request with the token; what the answer says of server and token is taken in. Nothing is asked for once nobody is
- * signed in any more: panels may still be there for a moment. */
+/** Sends a request with the token, and updates the state of server and token from the answer. After a sign-out nothing
+ * is sent, because panels may exist for a moment longer. */
 export async function call<T>(method: string, path: string, body?: unknown): Promise<{ status: number; body: T }> {
   if (signedOut()) throw new Problem(401, "a token is needed", "token");
   try {
@@ -92,7 +92,7 @@ export function setOptions(changed: Partial<ViewOptions>): void {
   localStorage.setItem(OPTIONS, JSON.stringify(options.value));
 }
 
-/** Have the gaps of the chosen stream filled, or not. */
+/** Switch filling of gaps of the chosen stream on or off. */
 export function setFillGaps(on: boolean): void {
   if (fillsFor(chosenRow.value, stream.value)) {
     setOptions({ fillGaps: on });
@@ -124,7 +124,7 @@ export async function begin(): Promise<void> {
   }
 }
 
-/** Try a token. Throws a Problem when it does not work. */
+/** Try a token. Throws a Problem if it is not valid. */
 export async function signIn(given: string): Promise<void> {
   const { body } = await request<Session>("GET", "api/v1/session", given);
   if (body.role === null) throw new Problem(401, "a token is needed", "token");
@@ -178,7 +178,7 @@ async function askTables(): Promise<void> {
 
 let watching: Poller | null = null;
 
-/** Ask for a stream again and again, until the function that it returns is called. */
+/** Poll a stream, until the returned function is called. */
 export function watchStream(key: string): () => void {
   const steady = new Steady();
   const asking = poll(STREAM_MS, async () => {
@@ -195,12 +195,12 @@ export function watchStream(key: string): () => void {
   };
 }
 
-/** Have the chosen stream asked for at once. */
+/** Request the chosen stream at once. */
 export function refreshStream(): void {
   watching?.now();
 }
 
-/** Have the list of streams asked for at once. */
+/** Request the list of streams at once. */
 export function refreshFleet(): void {
   fleet?.now();
 }

@@ -27,7 +27,7 @@ export interface ImageFrame {
   readonly rest: Rest;
   /** The columns that were sent where the frame was thinned to some, ascending; else null. */
   readonly lattice: Uint16Array | null;
-  /** T_world_sensor at the stamp, the first three rows; null where the vehicle does not know it. */
+  /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
   readonly pose: Float64Array | null;
 }
 

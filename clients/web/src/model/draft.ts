@@ -1,11 +1,11 @@
 /**
- * A draft of settings: what an operator edited, on top of what is wanted or in force. Edits stay when somebody else
- * changes the stream meanwhile; those that have come true vanish.
+ * A draft of settings: an operator's edits on top of the wanted or present settings. Edits stay when somebody else
+ * changes the stream; edits that are in force now disappear.
  */
 import { same } from "./schema";
 import type { Codec, Schema, Settings, SettingsState, Value } from "./wire";
 
-/** What a form begins with: what operators want, else what is in force, else what the stream told last. */
+/** Initial values of a form: the wanted settings, otherwise those in force, otherwise the last reported ones. */
 export function baseOf(state: SettingsState | null, told: Settings | null): Settings {
   return state?.desired ?? state?.applied ?? told ?? {};
 }
@@ -15,7 +15,7 @@ export function shown(base: Settings, edits: Settings, name: string): Value {
   return name in edits ? (edits[name] as Value) : (base[name] ?? null);
 }
 
-/** The codec's own settings that would be set: none of the base where the draft has another codec. */
+/** Settings of the codec that would be sent; if the draft has another codec, none of the base's. */
 function own(base: Settings, edits: Settings): Settings {
   const kept = "codec" in edits && edits.codec !== base.codec ? {} : base.codec_settings;
   const all = { ...((kept ?? {}) as Settings), ...((edits.codec_settings ?? {}) as Settings) };
@@ -33,7 +33,7 @@ export function ownSet(base: Settings, edits: Settings, name: string): boolean {
   return name in own(base, edits);
 }
 
-/** The codec's own settings as they would be: a new codec starts with its own defaults. */
+/** Settings of the codec after the change. A new codec starts with its defaults. */
 export function ownSettings(base: Settings, edits: Settings, schema: Schema | undefined): Settings {
   const defaults = Object.fromEntries(
     Object.entries(schema?.properties ?? {}).map(([name, about]) => [name, about.default ?? null]),
@@ -41,7 +41,7 @@ export function ownSettings(base: Settings, edits: Settings, schema: Schema | un
   return { ...defaults, ...own(base, edits) };
 }
 
-/** Edits with one more; an edit back to the base is none. A codec that is left takes its own settings with it. */
+/** Edits with one more. An edit back to the base is removed. Another codec removes edits of the old codec's settings. */
 export function edited(
   base: Settings,
   edits: Settings,
@@ -57,7 +57,7 @@ export function edited(
   if (name === "codec") {
     delete next.codec_settings;
     const about = codecs.find((one) => one.name === value);
-    // What the new codec refuses would make the server refuse all of it.
+    // The server would refuse the whole change if the new codec refuses one setting.
     if (about && !about.bound && shown(base, next, "max_error_m") !== null) next.max_error_m = null;
     if (about && !about.target && shown(base, next, "target_kbps") !== null) next.target_kbps = null;
     if (about?.bound && next.max_error_m === null && "max_error_m" in edits) delete next.max_error_m;
@@ -69,7 +69,7 @@ export function edited(
   return settled(base, next);
 }
 
-/** Edits of one of the codec's own settings. undefined: it is not set any more. */
+/** Edits with a change of a codec's own setting. undefined: it is no longer set. */
 export function editedOwn(base: Settings, edits: Settings, name: string, value: Value | undefined): Settings {
   const all = { ...((edits.codec_settings ?? {}) as Settings), [name]: value } as Settings;
   return settled(base, { ...edits, codec_settings: all });
@@ -88,7 +88,7 @@ export function preset(
   return next;
 }
 
-/** Edits without those that say what the base says. */
+/** Edits without those that equal the base. */
 export function settled(base: Settings, edits: Settings): Settings {
   const kept: Settings = {};
   for (const [name, value] of Object.entries(edits)) {
@@ -104,12 +104,12 @@ export function settled(base: Settings, edits: Settings): Settings {
   return kept;
 }
 
-/** The body of the request: the edits, with the codec's own settings whole, because they replace those before. */
+/** The body of the request: the edits, with all settings of the codec, because they replace the earlier ones. */
 export function changeOf(base: Settings, edits: Settings): Settings {
   return edits.codec_settings ? { ...edits, codec_settings: own(base, edits) } : { ...edits };
 }
 
-/** Whether a reduction takes a budget (`keep_points`, `keep_fraction`). */
+/** Whether a reduction has a budget (`keep_points`, `keep_fraction`). */
 export function budgeted(schema: Schema | null, reduction: Value): boolean {
   const names = schema?.properties?.reduction?.budgeted ?? [];
   return typeof reduction === "string" && names.includes(reduction.split(":")[0] ?? "");

@@ -1,4 +1,4 @@
-/** Figures as text. A dash stands for what is not known. */
+/** Values as text. A dash means unknown. */
 
 export const NONE = "–";
 
@@ -35,7 +35,7 @@ export function span(seconds: number): string {
   return `${Math.round(seconds / 86_400)} d`;
 }
 
-/** `0:42`, `1:02:03`: a place on a time line. */
+/** `0:42`, `1:02:03`: a position on a time line. */
 export function clock(seconds: number): string {
   const whole = Math.max(0, Math.floor(seconds));
   const [h, m, s] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
@@ -43,7 +43,7 @@ export function clock(seconds: number): string {
   return h > 0 ? `${h}:${two(m)}:${two(s)}` : `${m}:${two(s)}`;
 }
 
-/** A moment in the reader's own time: the time alone for today, else with the day. */
+/** A time in the reader's time zone; with the date if it is not today. */
 export function moment(iso: string, now: Date = new Date()): string {
   const at = new Date(iso);
   const time = at.toLocaleTimeString("en-GB");
@@ -69,7 +69,7 @@ export function label(name: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1) + (unit === undefined ? "" : ` (${unit})`);
 }
 
-/** Settings as they would be written: `purpose = look, target_kbps = 800`. */
+/** Settings as text: `purpose = look, target_kbps = 800`. */
 export function listOf(settings: Record<string, unknown>): string {
   return Object.entries(settings)
     .map(([name, value]) => `${name} = ${value === null ? "not set" : plain(value)}`)

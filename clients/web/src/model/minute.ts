@@ -1,4 +1,4 @@
-/** The last minute of each stream's bitrate, for sparklines. The server gives it once; then each answer adds a value. */
+/** The last minute of each stream's bitrate, for sparklines. The server sends it once; each later answer adds a value. */
 import type { FleetRow } from "./wire";
 
 export const LENGTH = 60;
@@ -8,12 +8,12 @@ export function keyOf(stream: { vehicle: string; sensor: string }): string {
   return `${stream.vehicle}/${stream.sensor}`;
 }
 
-/** Whether any stream is new, so that its minute has to be asked for. */
+/** Whether a stream is new, so that its last minute must be requested. */
 export function lacks(minutes: Minutes, rows: readonly FleetRow[]): boolean {
   return rows.some((row) => !minutes.has(keyOf(row)));
 }
 
-/** The minutes after another answer. Streams that are gone from the list are forgotten. */
+/** The minutes after another answer. Streams that are no longer in the list are removed. */
 export function added(minutes: Minutes, rows: readonly FleetRow[]): Minutes {
   return new Map(
     rows.flatMap((row): [string, readonly (number | null)[]][] => {
@@ -26,7 +26,7 @@ export function added(minutes: Minutes, rows: readonly FleetRow[]): Minutes {
 }
 
 /**
- * The path of a sparkline in a box; gaps where nothing is known. The top is the largest value or the target, whichever
+ * The path of a sparkline in a box, with gaps for unknown values. The top is the largest value or the target, whichever
  * is more, so that a line at its target does not look like one at its limit.
  */
 export function path(values: readonly (number | null)[], width: number, height: number, target: number | null): string {
@@ -47,7 +47,7 @@ export function path(values: readonly (number | null)[], width: number, height: 
   return text;
 }
 
-/** Where the target stands in the same box. */
+/** Height of the target in the same box. */
 export function targetLine(values: readonly (number | null)[], height: number, target: number): number {
   const top = Math.max(1, target, ...values.map((value) => value ?? 0)) * 1.08;
   return height - (target / top) * height;

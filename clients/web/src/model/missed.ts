@@ -1,9 +1,9 @@
-/** A target bitrate that is not kept: what stands in red over the picture, and what sets back what is in the way. */
+/** A missed target bitrate: the notice over the picture, and the change that frees the settings that prevent it. */
 import { label } from "./format";
 import type { Schema, Settings, TargetWarning, Value } from "./wire";
 
 const STEADY_MS = 3000;
-/** What is known from the settings alone, so that there is nothing to wait for. */
+/** Problems that follow from the settings alone, so that they are shown at once. */
 const EXPECTED = "target_out_of_reach";
 
 const HEADS: Record<string, string> = {
@@ -12,13 +12,13 @@ const HEADS: Record<string, string> = {
   target_out_of_reach: "Target out of reach",
 };
 
-/** What to show, of what the server told second by second: a scene that lasts a moment is not worth a word, nor is a
- * moment in which all is well again. */
+/** Decides what to show of the server's warnings, which come every second. Short problems are not shown, and short
+ * recoveries do not remove a notice. */
 export class Steady {
   #shown: TargetWarning | null = null;
   #changesAt: number | null = null;
 
-  /** told: null while all is well;  nowMs: of any clock */
+  /** told: the warning, null without one;  nowMs: time of any clock */
   take(told: TargetWarning | null, nowMs: number): TargetWarning | null {
     if (told !== null && (this.#shown !== null || told.code === EXPECTED)) {
       this.#shown = told;
@@ -36,7 +36,7 @@ export class Steady {
   }
 }
 
-/** The headline, which says the same as long as the same is wrong. */
+/** The headline, which stays the same for the same problem. */
 export function headOf({ code, settings }: TargetWarning): string {
   const head = HEADS[code] ?? "Target not kept";
   if (settings.length === 0) return head;
@@ -46,7 +46,7 @@ export function headOf({ code, settings }: TargetWarning): string {
   return `${head}: ${listed} ${settings.length === 1 ? "is" : "are"} in the way`;
 }
 
-/** A sentence as it begins. */
+/** A text with a capital first letter. */
 export function sentence(text: string): string {
   return `${text.charAt(0).toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 }

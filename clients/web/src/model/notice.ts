@@ -1,4 +1,4 @@
-/** What stands over the picture when it is not live. */
+/** The notice over a picture that is not live. */
 import type { ViewStats } from "../view";
 import { span } from "./format";
 import type { FleetRow } from "./wire";
@@ -6,7 +6,7 @@ import type { FleetRow } from "./wire";
 type Told = Pick<ViewStats, "connection" | "problem" | "silent_s" | "stale">;
 type Row = Pick<FleetRow, "alive" | "ended">;
 
-/** What is wrong in few words, and the same with how long. Empty while all is well.
+/** The problem in a few words, and the same with its duration. Empty if there is no problem.
  *
  * rows: all streams, null while they are asked for;  row: the chosen one, null if it is not among them */
 export function noticeOf(
@@ -23,7 +23,7 @@ export function noticeOf(
   return [short, `last frame ${span(told.silent_s)} ago${why ? ` · ${why}` : ""}`];
 }
 
-/** Why there is nothing to see; null if there is something. */
+/** Why there is no picture; null if there is one. */
 function withoutPicture(
   told: Told | null,
   key: string | null,

@@ -1,4 +1,4 @@
-/** What became of a change, in words. */
+/** The result of a change, in words. */
 import { listOf } from "./format";
 import { sentence } from "./missed";
 import type { Change, Settings } from "./wire";
@@ -23,7 +23,7 @@ export function outcomeOf(status: number, answer: Change, change: Settings): Out
   return { kind: "applied", first: answer.first_frame, change };
 }
 
-/** The sentence for it; `frame`: index of the newest frame that is shown. */
+/** Its sentence; `frame`: index of the newest shown frame. */
 export function sentenceOf(outcome: Outcome, frame: number | null): string {
   if (outcome.kind === "sending") return "Sending to the vehicle …";
   if (outcome.kind === "note") return outcome.text;

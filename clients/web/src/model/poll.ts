@@ -1,9 +1,9 @@
-/** Asking again and again: never twice at once, seldom while nobody sees the page, and later when it fails. */
+/** Polling: one request at a time, rarely while the page is hidden, and with a longer pause after a failure. */
 
 export const HIDDEN_MS = 10_000;
 const FAILED_MS = [1000, 1000, 2000, 4000];
 
-/** When to ask next. failures: in a row, up to now. */
+/** Time until the next request. failures: number of consecutive failures */
 export function waitOf(everyMs: number, failures: number, hidden: boolean): number {
   const wait = failures === 0 ? everyMs : (FAILED_MS[Math.min(failures, FAILED_MS.length) - 1] ?? everyMs);
   return hidden ? Math.max(wait, HIDDEN_MS) : wait;

@@ -1,4 +1,4 @@
-/** Forms out of JSON schemas: which control a setting needs, and what a text in it means. */
+/** Forms from JSON schemas: the control for a setting, and the value of its text. */
 import type { Schema, Value } from "./wire";
 
 export type Field =
@@ -14,7 +14,7 @@ export type Field =
     }
   | { kind: "text"; nullable: boolean };
 
-/** The control for a setting. `words`: texts that a number may be replaced by, such as `auto`. */
+/** The control for a setting. `words`: texts that are allowed instead of a number, such as `auto`. */
 export function fieldOf(schema: Schema): Field {
   const options = schema.anyOf ?? [schema];
   const nullable = options.some((one) => one.type === "null");
@@ -37,8 +37,8 @@ export function fieldOf(schema: Schema): Field {
 }
 
 /**
- * Names of the settings that a form shows one after the other, and of those that few people change. The codec and its
- * own settings have places of their own.
+ * Names of the settings in the main part of a form, and of those that few people change. The codec and its own settings
+ * have separate parts.
  */
 export function fieldsOf(schema: Schema | null): { first: string[]; more: string[] } {
   const all = Object.entries(schema?.properties ?? {}).filter(
@@ -50,7 +50,7 @@ export function fieldsOf(schema: Schema | null): { first: string[]; more: string
   };
 }
 
-/** The value that a text in a number's control means; undefined for what is no number. */
+/** The value of the text in a number's control; undefined if it is not a number. */
 export function numberIn(text: string, field: Field & { kind: "number" }): Value | undefined {
   const trimmed = text.trim().replace(",", ".");
   if (trimmed === "") return field.nullable ? null : undefined;
@@ -59,7 +59,7 @@ export function numberIn(text: string, field: Field & { kind: "number" }): Value
   return Number.isFinite(value) ? value : undefined;
 }
 
-/** What a number may be, for people: `1 to 12`, `0 or more`. */
+/** The allowed numbers, for people: `1 to 12`, `0 or more`. */
 export function limitsOf(field: Field): string {
   if (field.kind !== "number") return "";
   const { minimum, maximum } = field;

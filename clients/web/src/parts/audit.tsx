@@ -9,7 +9,7 @@ import { call, nameOf, pathOf } from "../state";
 const EVERY_MS = 3000;
 const PAGE = 30;
 
-/** Who changed what of a stream, newest first. */
+/** Changes of a stream with their authors, newest first. */
 export function Audit({ name }: { name: string }) {
   const path = `${pathOf(nameOf(name))}/audit`;
   const entries = useSignal<AuditEntry[] | null>(null);

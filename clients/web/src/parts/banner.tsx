@@ -2,7 +2,7 @@ import { span } from "../model/format";
 import { awaySince } from "../state";
 import { useNow } from "./now";
 
-/** Says that the server is away, and since when: what the page shows then is old. */
+/** Says that the server does not answer, and since when: the page then shows old data. */
 export function Banner() {
   const now = useNow(awaySince.value !== null);
   if (awaySince.value === null) return null;

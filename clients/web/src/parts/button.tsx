@@ -2,9 +2,9 @@ import type { ComponentChildren } from "preact";
 
 interface Props {
   children: ComponentChildren;
-  /** Whether it does nothing now. It can still be reached, so that the keyboard keeps its place. */
+  /** Whether it is disabled. It can still be focused, so that the keyboard keeps its position. */
   off?: boolean;
-  /** None for one that sends the form around it. */
+  /** Undefined for a button that submits its form. */
   press?: () => void;
   look?: string;
   label?: string;

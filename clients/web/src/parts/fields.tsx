@@ -12,17 +12,17 @@ interface Props {
   value: Value;
   edited: boolean;
   disabled: boolean;
-  /** Why it cannot be set, where that is so. */
+  /** Why it cannot be set, if it cannot. */
   hindered?: string | undefined;
   problem: string | null;
   set: (value: Value) => void;
-  /** Whether it is kept beside a target bitrate, or left to it; null for one that a target never moves. */
+  /** Whether it is pinned, or left to the target bitrate; null if a target never changes it. */
   pinned?: boolean | null;
-  /** Leaves it to the target. */
+  /** Leaves it to the target bitrate. */
   unset?: (() => void) | undefined;
 }
 
-/** A setting with its label, its control, what it does, and what is wrong with it. */
+/** A setting with its label, its control, its description, and its error. */
 export function SettingField(props: Props) {
   const { id, name, schema, edited, problem, hindered, pinned = null, unset } = props;
   const field = fieldOf(schema);
@@ -57,7 +57,7 @@ export function SettingField(props: Props) {
   );
 }
 
-/** Text in which what stands between backticks is code. */
+/** Text with code between backticks. */
 export function Words({ text }: { text: string }): ComponentChildren {
   return text.split("`").map((part, index) => (index % 2 ? <code key={`${index}`}>{part}</code> : part));
 }
@@ -136,7 +136,7 @@ function Choice(props: ControlProps & { field: Field & { kind: "choice" } }) {
 
 function NumberInput(props: ControlProps & { field: Field & { kind: "number" } }) {
   const { field, value, id } = props;
-  const text = useSignal<string | null>(null); // while it is being written, as it is written
+  const text = useSignal<string | null>(null); // the text while the user edits it
   const word = typeof value === "string" && field.words.includes(value);
   const shown = text.value ?? (value === null ? "" : String(value));
   const wrong = text.value !== null && numberIn(text.value, field) === undefined;

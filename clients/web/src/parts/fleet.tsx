@@ -4,7 +4,7 @@ import type { FleetRow } from "../model/wire";
 import { choose, chosen, minutes, rows } from "../state";
 import { Spark } from "./spark";
 
-/** All streams, in a line each. */
+/** All streams, one row each. */
 export function FleetList() {
   const all = rows.value;
   return (
@@ -37,7 +37,7 @@ function Empty() {
   );
 }
 
-/** What a row says of a stream in a word. */
+/** The state of a stream in one word. */
 export function stateOf(row: FleetRow): { name: "alive" | "away" | "ended"; text: string } {
   if (row.alive) return { name: "alive", text: "alive" };
   if (row.ended) return { name: "ended", text: "ended" };

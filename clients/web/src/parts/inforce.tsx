@@ -2,7 +2,7 @@ import { differences } from "../model/draft";
 import { count, kbps, ordinal, plain } from "../model/format";
 import type { Settings, SettingsState, Stream } from "../model/wire";
 
-/** What the vehicle does now, how it stands with the target, and where that differs from what is wanted. */
+/** The settings in force, the target bitrate, and differences from the wanted settings. */
 export function InForce({ state, stream }: { state: SettingsState | null; stream: Stream | null }) {
   const applied = state?.applied ?? stream?.settings ?? null;
   const rate = stream?.status?.rate;
@@ -69,7 +69,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
   );
 }
 
-/** The codec in force, and that it was chosen where it was. */
+/** The codec in force, and whether `auto` chose it. */
 function codecOf(applied: Settings, stream: Stream | null): string {
   const asked = plain(applied.codec);
   const found = stream?.status?.codec;

@@ -5,13 +5,13 @@ import { links, schema } from "../state";
 import { Button } from "./button";
 
 interface Props {
-  /** The value of a setting as the form has it. */
+  /** The value of a setting in the form. */
   wanted: (name: string) => Value;
   take: (settings: Settings) => void;
   disabled: boolean;
 }
 
-/** Presets by the link that carries the stream: each fills in a few settings of the form, and says which. */
+/** Presets for links: each sets a few settings of the form, and says which. */
 export function Links({ wanted, take, disabled }: Props) {
   if (links.value.length === 0) return null;
   const chosen = links.value.find(({ settings }) =>

@@ -5,7 +5,7 @@ import { freed, headOf, sentence } from "../model/missed";
 import { call, chosen, mayChange, missed, nameOf, pathOf, refreshStream, schema, stream } from "../state";
 import { Button } from "./button";
 
-/** In red over the picture while the target bitrate is not kept: why, and what to do. */
+/** A red notice over the picture while the target bitrate is missed: why, and what to do. */
 export function Missed() {
   const told = missed.value;
   const trouble = useSignal<string | null>(null);

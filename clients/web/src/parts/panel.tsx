@@ -9,7 +9,7 @@ import { SettingsForm } from "./settings";
 const TABS = ["Settings", "Changes", "Recordings"] as const;
 type Tab = (typeof TABS)[number];
 
-/** Beside the view: settings of the chosen stream, who changed them, and recordings. */
+/** Next to the view: settings of the chosen stream, their changes, and recordings. */
 export function Panel() {
   const open = useSignal<Tab>(remembered);
   const list = useRef<HTMLDivElement>(null);

@@ -8,11 +8,11 @@ import { call, mayChange, refreshFleet } from "../state";
 const EVERY_MS = 500;
 const RATES = [2.5, 5, 10, 20, 40];
 
-/** The time line of a recording that is played: where it is, and where it is to go on. */
+/** The time line of a playback: its position, and a control to move it. */
 export function Playback({ id }: { id: string }) {
   const path = `api/v1/recordings/${id}/play`;
   const playing = useSignal<Playing | null>(null);
-  const held = useSignal<number | null>(null); // where the thumb is while somebody moves it
+  const held = useSignal<number | null>(null); // position of the thumb while the user moves it
   const asking = useRef<Poller | null>(null);
 
   useEffect(() => {
@@ -27,7 +27,7 @@ export function Playback({ id }: { id: string }) {
     try {
       playing.value = (await call<Playing>("PATCH", path, body)).body;
     } catch {
-      asking.current?.now(); // it has ended meanwhile: the answer to that says so
+      asking.current?.now(); // the playback may have ended: ask for its state
     }
     held.value = null;
   }

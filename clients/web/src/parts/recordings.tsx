@@ -9,7 +9,7 @@ import { Button } from "./button";
 
 const EVERY_MS = 2000;
 
-/** Recordings of the server: begin and end one of the chosen stream, play them, delete them. */
+/** Recordings of the server: start and stop one of the chosen stream, play them, delete them. */
 export function Recordings() {
   const all = useSignal<Recording[] | null>(null);
   const problem = useSignal<string | null>(null);
@@ -23,7 +23,7 @@ export function Recordings() {
     return () => asking.current?.stop();
   }, []);
 
-  // What the list of streams says of recordings is newer.
+  // The list of streams has newer data about recordings.
   const told = rows.value?.map((row) => `${row.recording ?? ""} ${row.playback ?? ""}`).join();
   useEffect(() => asking.current?.now(), [told]);
 
@@ -91,7 +91,7 @@ export function Recordings() {
   );
 }
 
-/** Outside the component, so that it is called once, when the button appears. */
+/** Outside the component, so that it is called only once, when the button appears. */
 function focused(button: HTMLButtonElement | null) {
   button?.focus();
 }

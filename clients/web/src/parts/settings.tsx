@@ -38,7 +38,7 @@ import { Links } from "./links";
 
 const STATE_MS = 5000;
 
-/** The settings of a stream: what is in force, and a form, made from the schemas, that changes it. */
+/** The settings of a stream: the ones in force, and a form, made from the schemas, to change them. */
 export function SettingsForm({ name }: { name: string }) {
   const path = pathOf(nameOf(name));
   const state = useSignal<SettingsState | null>(null);
@@ -255,7 +255,7 @@ function refusal(error: unknown): Outcome {
   return { kind: "refused", text: problem.detail, field: problem.field, status: problem.status };
 }
 
-/** Why a setting says nothing to the codec that is chosen; undefined where it does. */
+/** Why a setting has no effect with the chosen codec; undefined if it has an effect. */
 function hindranceOf(field: string, codec: Codec | undefined): string | undefined {
   if (field === "max_error_m" && codec && !codec.bound) return `${codec.name} cannot keep an error bound.`;
   if (field === "target_kbps" && codec && !codec.target) return `${codec.name} cannot keep a target bitrate.`;

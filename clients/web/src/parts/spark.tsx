@@ -3,7 +3,7 @@ import { path, targetLine } from "../model/minute";
 const WIDTH = 72;
 const HEIGHT = 18;
 
-/** The last minute of a bitrate; a dashed line where its target is. */
+/** The last minute of a bitrate, with a dashed line at its target. */
 export function Spark({ values, target }: { values: readonly (number | null)[]; target: number | null }) {
   return (
     <svg

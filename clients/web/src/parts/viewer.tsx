@@ -20,7 +20,7 @@ import { Missed } from "./missed";
 import { Playback } from "./playback";
 import { ViewTools } from "./tools";
 
-/** The chosen stream, live: the view, its tools and what it says of itself. */
+/** The chosen stream, live: the view, its tools and its figures. */
 export function Viewer() {
   const host = useRef<HTMLDivElement>(null);
   const view = useRef<View | null>(null);
@@ -67,7 +67,7 @@ export function Viewer() {
   );
 }
 
-/** What stands over the picture when it is not live. Announced once, not at each second. */
+/** The notice over a picture that is not live. It is announced once, not every second. */
 function Notice({ told }: { told: ViewStats | null }) {
   const [short, long] = noticeOf(told, chosen.value, rows.value, chosenRow.value);
   return (

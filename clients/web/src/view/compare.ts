@@ -1,4 +1,4 @@
-/** The error of decoded ranges against those before coding, in figures. */
+/** Errors of decoded ranges relative to the original ranges. */
 import type { RangeFrame } from "./stream/frame";
 
 export interface Comparison {
@@ -6,16 +6,16 @@ export interface Comparison {
   returns: number;
   rmse_mm: number;
   max_mm: number;
-  /** Part of `returns` that is not as it was, 0..1. */
+  /** Share of `returns` with a different range, 0..1. */
   changed: number;
-  /** Returns of the original that were not sent, or lost; some of them may be filled in. */
+  /** Original returns that were not sent or lost; some of them may be interpolated. */
   dropped: number;
   /** Returns that the original does not have. */
   invented: number;
 }
 
-/** Along the ray, over returns that are in both, without those that were made up; null where there is no original.
- * 0.2 ms for a turn. */
+/** Errors along the ray, over returns in both frames, without interpolated ones; null if there is no original. 0.2 ms for
+ * a turn. */
 export function compared(
   frame: Pick<RangeFrame, "range" | "original" | "rangeStepM"> & Partial<Pick<RangeFrame, "filled">>,
 ): Comparison | null {
@@ -53,13 +53,13 @@ export function compared(
   };
 }
 
-/** From the sensor's own accuracy on: less than that is no alarm. */
+/** The sensor's accuracy: smaller errors are not highlighted. */
 const SCALES_MM = [20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000, 40000, 100000, 200000] as const;
 const PATIENCE = 20;
 
-/** The error at the end of the colours: at once more when one is larger, and less when none was for a while.
+/** The error at the end of the colour scale: it increases at once for a larger error, and decreases after a while.
  *
- * It is the largest error, or three times the RMSE where a few are so much larger that all others would look alike. */
+ * It is the largest error, or three times the RMSE if a few errors are so large that all others would look alike. */
 export class ErrorScale {
   mm: number = SCALES_MM[0];
   #calm = 0;
@@ -68,7 +68,7 @@ export class ErrorScale {
     return this.update(Math.min(max_mm, 3 * rmse_mm));
   }
 
-  /** True if it is another one now. */
+  /** True if it has changed. */
   update(max_mm: number): boolean {
     const wanted = SCALES_MM.find((scale) => scale >= max_mm - 1e-6) ?? 200000;
     this.#calm = wanted < this.mm ? this.#calm + 1 : 0;

@@ -1,4 +1,4 @@
-/** How high the road lies, in the sensor's frame: the middle of what the lower beams hit. */
+/** Height of the road in the sensor's frame: the median of the lower beams' hits. */
 import type { RangeFrame } from "./stream/frame";
 import { MAX_COLUMNS } from "./stream/frame";
 import { type SensorTable, TEXELS } from "./stream/sensor";

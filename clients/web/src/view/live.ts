@@ -1,5 +1,5 @@
-/** The view of a stream: frames of a source become pictures. A picture is made when there is something new to see: a
- * frame, a movement, a choice; and at the screen's rate while something moves. */
+/** The view of a stream: draws the frames of a source. It draws when there is something new (a frame, a movement, an
+ * option), and at the screen's rate while something moves. */
 import { DecodingSource } from "../decode/source";
 import { type Comparison, compared, ErrorScale } from "./compare";
 import { Camera } from "./draw/camera";
@@ -21,9 +21,9 @@ import type { StreamName, View, ViewOptions, ViewStats } from "./types";
 
 const STATS_MS = 500;
 const WAIT_FOR_ORIGINALS_MS = 3000;
-/** A comparison stays so long without another original. */
+/** How long a comparison stays without a new original. */
 const PATIENCE_MS = 3000;
-/** A graphics card has drawn by then. */
+/** Longest time of a graphics card for one picture. */
 const QUICK_MS = 40;
 const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
 const TOO_WIDE = "This graphics card cannot show frames with so many columns.";
@@ -245,13 +245,13 @@ export class LiveView implements View, Sink {
     else if (this.#dirty || this.#waiting.length > 0) this.#again();
   }
 
-  /** Look again with the next picture of the browser, or less often for a card that takes its time. */
+  /** Check again at the next picture of the browser, or less often with a slow graphics card. */
   #wait(now: number): void {
     if (now - this.#before < QUICK_MS) this.#again();
     else window.setTimeout(() => this.#again(), QUICK_MS / 2);
   }
 
-  /** Draw what is new. */
+  /** Draw if there is something new. */
   #next(now: number): void {
     const seconds = (now - this.#before) / 1000;
     this.#before = now;
@@ -278,7 +278,7 @@ export class LiveView implements View, Sink {
     for (const one of this.#waiting) {
       const { frame, sensor } = one;
       if (this.#last && this.#last.frame.streamId !== frame.streamId) this.#clear();
-      // one that came without its original would have the picture jump between two views and one
+      // without its original the picture would jump between two views and one
       if (this.#comparison && !frame.original && now - this.#pairedAt < PATIENCE_MS) continue;
       if (frame.original) this.#pairedAt = now;
       this.#tooWide = frame.columns > this.#widest;
@@ -308,7 +308,7 @@ export class LiveView implements View, Sink {
     return true;
   }
 
-  /** Have the canvas as large as it is shown. False while it is not shown at all. */
+  /** Resize the canvas to its shown size. False while it is hidden. */
   #size(): boolean {
     const ratio = this.#quality.ratio(window.devicePixelRatio || 1);
     const wide = Math.round(this.host.clientWidth * ratio);

@@ -1,4 +1,4 @@
-/** 4x4 matrices, column by column as the graphics card wants them. Everything is written into arrays that are given. */
+/** 4x4 matrices, column by column for the graphics card. Results are written into given arrays. */
 
 export type Matrix = Float32Array;
 export type Vector = [number, number, number];
@@ -75,9 +75,9 @@ export function multiply(out: Matrix, a: Matrix, b: Matrix): Matrix {
 /** A pose: the upper three rows of a rigid transform, row by row, in double precision. */
 export type Pose = Float64Array;
 
-/** out = inverse(to) from: where what was seen at the pose `from` lies in the frame of the pose `to`.
+/** out = inverse(to) from: transforms points from the frame of pose `from` to the frame of pose `to`.
  *
- * World coordinates may be thousands of kilometres; the difference is taken in double precision before it is rounded. */
+ * World coordinates may be thousands of kilometres, so the difference is computed in double precision before rounding. */
 export function between(out: Matrix, to: Pose, from: Pose): Matrix {
   const dx = (from[3] as number) - (to[3] as number);
   const dy = (from[7] as number) - (to[7] as number);

@@ -1,15 +1,15 @@
-/** Where the sensor is between two frames, when the frames say where they were taken: the world then glides by at the
- * screen's rate while clouds come ten times a second. */
+/** The sensor's pose between two frames, if frames have poses. So the world moves smoothly at the screen's rate while
+ * clouds come ten times a second. */
 
 import { headingOf, type Pose } from "./matrix";
 import type { RangeFrame } from "./stream/frame";
 
-/** Longer than this nobody knows where it went. */
+/** After this time the pose is unknown. */
 const LONGEST_S = 0.15;
 const SMOOTH = 0.1;
 
 export class Motion {
-  /** Where the sensor is now; null while nothing says so. */
+  /** The present pose of the sensor; null while unknown. */
   readonly pose: Pose = new Float64Array(12);
   known = false;
   readonly #last: Pose = new Float64Array(12);
@@ -46,7 +46,7 @@ export class Motion {
     this.pose.set(frame.pose);
   }
 
-  /** Go on as the last two frames say. True while that may be seen. */
+  /** Extrapolate the motion of the last two frames. True while it is visible. */
   predict(now: number): boolean {
     if (!this.known) return false;
     const [vx, vy, vz] = this.#velocity;

@@ -1,6 +1,6 @@
-/** How much is drawn for each pixel, so that the picture moves even where a processor has to draw it. */
+/** Drawing quality, reduced so that the picture moves smoothly even without a graphics card. */
 
-/** A picture after which the browser asks for the next one later than this was too much. */
+/** If the browser asks for the next picture later than this, the last one was too slow. */
 const SLOW_MS = 45;
 const VERY_SLOW_MS = 200;
 const ENOUGH = 10;
@@ -10,7 +10,7 @@ export class Quality {
   level: 0 | 1 | 2 = 2;
   #slow = 0;
 
-  /** A picture took so long. True if less is drawn from now on. */
+  /** Report the time of a picture. True if the quality is reduced from now on. */
   took(ms: number): boolean {
     if (ms > SLOW_MS) this.#slow += ms > VERY_SLOW_MS ? 4 : 1;
     else this.#slow = Math.max(this.#slow - 2, 0);

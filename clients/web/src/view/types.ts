@@ -1,4 +1,4 @@
-/** What the page and the view of a stream agree on. The page makes one view, opens streams in it and sets its options. */
+/** The interface between the page and the view. The page makes one view, opens streams in it and sets its options. */
 import type { Comparison } from "./compare";
 
 export type Colour = "height" | "intensity" | "distance" | "ring";
@@ -17,7 +17,7 @@ export interface ViewOptions {
   compare: boolean;
   /** Decode messages in the page instead of on the server. */
   decodeInBrowser: boolean;
-  /** Make up points between the columns that were sent. */
+  /** Interpolate points between sent columns. */
   fillGaps: boolean;
 }
 
@@ -38,31 +38,31 @@ export interface StreamName {
 }
 
 export interface ViewStats {
-  /** Points of the newest cloud shown that were measured; 0 before the first. */
+  /** Measured points of the newest shown cloud; 0 before the first. */
   points: number;
-  /** Points between them that were made up. */
+  /** Interpolated points. */
   madeUp: number;
   /** Frames that came in the last second or so. */
   fps: number;
-  /** From a frame's last packet to its picture; null where the clocks do not agree, or before the first frame. */
+  /** Time from a frame's last packet to its picture; null if the clocks differ, or before the first frame. */
   age_ms: number | null;
   frameIndex: number | null;
-  /** Nothing came for two seconds, though the socket is open or being opened again. */
+  /** No frame came for two seconds, although the socket is open or being reopened. */
   stale: boolean;
   /** Seconds since the last frame; null before the first. */
   silent_s: number | null;
-  /** What the socket does. `refused`: the server said no, and `problem` says why; it is not asked again. */
+  /** State of the socket. `refused`: the server refused it, `problem` says why, and the page does not try again. */
   connection: "closed" | "opening" | "open" | "waiting" | "refused";
   problem: string | null;
-  /** What a viewer should know though all is well: that the server decodes what the page cannot. */
+  /** A note that is not a problem: the server decodes because the page cannot. */
   note: string | null;
-  /** From the socket's events: whether the vehicle's publisher is there; null while it is not known. */
+  /** From the socket's events: whether the vehicle's publisher is online; null while unknown. */
   alive: boolean | null;
   /** Pictures drawn in the last second: as many as frames while nothing moves, up to the screen's rate while it does. */
   drawn: number;
-  /** Original against decoded; null while they are not compared, or no original comes. */
+  /** Comparison of original and decoded; null without one. */
   comparison: Comparison | null;
-  /** Memory of the graphics card that textures take. */
+  /** Memory of textures on the graphics card. */
   gpuBytes: number;
 }
 

@@ -3,9 +3,9 @@
  * The arrays are views into the message: nothing is copied between the socket and the graphics card. */
 import type { Pose } from "../matrix";
 
-/** Rows of the image of the sensor that has most. */
+/** Most rows of any sensor's image. */
 export const MAX_RINGS = 128;
-/** Of a frame of 2048 packets, the longest there is. */
+/** Most columns: a frame of 2048 packets, the longest one. */
 export const MAX_COLUMNS = 12_288;
 
 export interface RangeFrame {
@@ -14,17 +14,17 @@ export interface RangeFrame {
   index: number;
   /** Milliseconds since 1970 at the vehicle: the frame's first packet. */
   stampMs: number;
-  /** Milliseconds since 1970 at which it was decoded, by the clock of whoever decoded it. */
+  /** Milliseconds since 1970 at which it was decoded, by the clock of the decoding machine. */
   decodedMs: number;
-  /** From the frame's last packet to its decoding; NaN where the clocks are apart. */
+  /** Time from the frame's last packet to its decoding; NaN if the clocks differ. */
   latencyMs: number;
   codec: number;
   /** Rows. */
   rings: number;
   columns: number;
-  /** Returns that were measured. */
+  /** Number of measured returns. */
   returns: number;
-  /** Returns between them that a receiver made up. */
+  /** Number of interpolated returns. */
   madeUp: number;
   /** Metres of a step of `range`. */
   rangeStepM: number;
@@ -36,7 +36,7 @@ export interface RangeFrame {
   intensity: Uint8Array | null;
   /** (rings, columns): the range image before it was coded, in the same steps. */
   original: Uint16Array | null;
-  /** (rings, columns): 1 for a return that was made up; null where none was. */
+  /** (rings, columns): 1 for an interpolated return; null if there is none. */
   filled: Uint8Array | null;
   /** T_world_sensor at the stamp. */
   pose: Pose | null;
@@ -65,7 +65,7 @@ function milliseconds(view: DataView, at: number): number {
 
 const hex = (value: number) => value.toString(16).padStart(8, "0");
 
-/** The frame of a binary message of form range. Throws FrameError when it is none. */
+/** The frame of a binary message of form range. Throws FrameError for an invalid message. */
 export function parseFrame(data: ArrayBuffer): RangeFrame {
   const view = new DataView(data);
   if (data.byteLength < HEADER_BYTES || view.getUint32(0, true) !== MAGIC) {
@@ -129,10 +129,10 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
   };
 }
 
-/** What part of a turn a frame is: its columns times the usual step from one to the next. */
+/** Share of a turn in a frame: its columns times the usual step between two columns. */
 export function coverageOf({ azimuth, columns }: Pick<RangeFrame, "azimuth" | "columns">): number {
   if (columns < 2) return 0;
-  // over several columns, because a step of 17 or 18 hundredths of a degree says too little of itself
+  // over several columns, because single steps are only 17 or 18 hundredths of a degree
   const over = Math.max(1, Math.min(16, columns >> 2));
   const stride = Math.max(1, Math.floor((columns - over) / 31));
   const ways: number[] = [];

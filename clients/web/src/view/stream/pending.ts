@@ -1,4 +1,4 @@
-/** The picture that the graphics card is drawing: nothing is asked of it before that one is done. */
+/** The picture that the graphics card is drawing. The next one starts only when it is done. */
 
 export class Pending {
   #fence: WebGLSync | null = null;
@@ -8,12 +8,12 @@ export class Pending {
 
   constructor(private readonly gl: WebGL2RenderingContext) {}
 
-  /** Nobody sees the page: how long this picture takes says nothing. */
+  /** The page is hidden, so the time of this picture means nothing. */
   unseen(): void {
     this.#unseen = true;
   }
 
-  /** A picture was asked for at `now`; `shown` are called when it is there. */
+  /** A picture was started at `now`; `shown` are called when it is done. */
   begin(now: number, shown: Iterable<() => void>): void {
     const { gl } = this;
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -27,7 +27,7 @@ export class Pending {
     return this.#fence !== null;
   }
 
-  /** Milliseconds that the picture took if it is done by now; null while it is not, or there is none. */
+  /** Milliseconds that the picture took; null while it is not done, or if there is none. */
   done(now: number): number | null {
     const { gl } = this;
     if (!this.#fence) return null;
@@ -37,7 +37,7 @@ export class Pending {
     return lost || this.#unseen ? null : now - this.#since;
   }
 
-  /** Wait no longer. */
+  /** Stop waiting. */
   end(): void {
     this.gl.deleteSync(this.#fence);
     this.#fence = null;

@@ -1,4 +1,4 @@
-/** A sensor's calibration, as the socket's event `sensor` tells it, made ready for the shader. */
+/** A sensor's calibration from the socket's event `sensor`, prepared for the shader. */
 import { MAX_RINGS } from "./frame";
 
 const LISTS = [
@@ -35,7 +35,7 @@ export interface SensorTable {
 const ALONG_M = 25.04 - 1.93;
 const ACROSS_M = 25.04 - 2.4;
 
-/** The table of an event; throws when the event lacks what a point needs. */
+/** The table from an event. Throws if the event lacks a value that points need. */
 export function sensorTable(event: Partial<SensorEvent>): SensorTable {
   const { rings } = event;
   if (!Number.isInteger(rings) || (rings as number) < 1 || (rings as number) > MAX_RINGS) {

@@ -1,7 +1,7 @@
 /** The cloud socket of a stream as a source of frames (docs/live-sockets.md), opened again when it breaks.
  *
- * A frame is acknowledged when it was drawn, and two may be under way: so a slow page gets fewer frames and none of them
- * late. While nobody sees the page the socket is closed, because nothing would be drawn. */
+ * A frame is acknowledged when it was drawn, and two may be under way. So a slow page gets fewer frames, but none of them
+ * late. While the page is hidden the socket is closed, because nothing would be drawn. */
 import { Backoff } from "./backoff";
 import { parseFrame, type RangeFrame } from "./frame";
 import { type SensorEvent, type SensorTable, sensorTable } from "./sensor";
@@ -16,20 +16,20 @@ interface Told extends Partial<SensorEvent> {
   server_ns?: number;
 }
 
-/** What a socket of a stream is asked for, and how its binary messages become frames. */
+/** The query of a stream's socket, and the conversion of its binary messages to frames. */
 export interface Reception {
   readonly name: "cloud" | "frames";
   readonly query: Readonly<Record<string, string>>;
   /** Whether frames are decoded by the server's clock. */
   readonly ahead: boolean;
-  /** Gives the frame of a message, now or later, or says why there is none: then the socket is opened again. */
+  /** Gives the frame of a message, now or later, or the reason why there is none; then the socket is reopened. */
   take(
     data: ArrayBuffer,
     sensor: SensorTable | null,
     give: (frame: RangeFrame, sensor: SensorTable) => void,
     fail: (error: Error) => void,
   ): void;
-  /** No message will be given any more. */
+  /** No further messages will come. */
   end(): void;
 }
 
@@ -78,7 +78,7 @@ export class CloudSocket implements FrameSource {
     this.#socket = null;
     if (!socket) return;
     socket.onopen = socket.onmessage = socket.onclose = null;
-    // One that is being opened is closed when it is: browsers complain of what is closed before.
+    // A socket that is still opening is closed after that, because browsers log an error otherwise.
     if (socket.readyState === WebSocket.CONNECTING) socket.onopen = () => socket.close();
     else socket.close();
   }
@@ -114,7 +114,7 @@ export class CloudSocket implements FrameSource {
         else this.#frame(socket, data);
       } catch (error) {
         this.problem = error instanceof Error ? error.message : String(error);
-        socket.close(); // whatever speaks there, it is not our protocol: ask again, later and later
+        socket.close(); // the other side does not speak our protocol: try again with increasing pauses
       }
     };
     socket.onclose = ({ code, reason }) => void this.#closed(code, reason);
@@ -122,14 +122,14 @@ export class CloudSocket implements FrameSource {
 
   #frame(socket: WebSocket, data: ArrayBuffer): void {
     const give = (frame: RangeFrame, sensor: SensorTable) => {
-      if (socket !== this.#socket) return; // it was decoded when nobody waited for it any more
+      if (socket !== this.#socket) return; // too late: another socket is in use
       this.#backoff.reset();
       this.problem = null;
       this.sink.frame(frame, sensor, () => this.#acknowledge(socket, frame.index));
     };
     const fail = (error: Error) => {
       this.problem = error.message;
-      socket.close(); // and a new one begins with a message that needs no other
+      socket.close(); // a new socket begins with a key message
     };
     this.reception.take(data, this.#sensor, give, fail);
   }
@@ -153,7 +153,7 @@ export class CloudSocket implements FrameSource {
     }
   }
 
-  /** The browser does not say why a handshake was refused: the stream's own address does. */
+  /** The browser does not tell why a handshake was refused, so ask the stream's own address. */
   async #closed(code: number, reason: string): Promise<void> {
     this.#socket = null;
     if (code === TOKEN_REVOKED) {

@@ -1,14 +1,14 @@
-/** Where frames come from: the server's cloud socket, or the page's own decoder behind the frames socket. */
+/** Sources of frames: the server's cloud socket, or the page's own decoder with the frames socket. */
 
 import type { StreamName, ViewStats } from "../types";
 import type { RangeFrame } from "./frame";
 import type { SensorTable } from "./sensor";
 
-/** What a source tells; everything is called in the main thread, between two pictures. */
+/** Callbacks of a source. All are called in the main thread, between two pictures. */
 export interface Sink {
-  /** A frame. It is shown with the next picture; `shown` is called then, and only then may another one come. */
+  /** A frame. It is shown with the next picture; then `shown` is called, and only then the next frame may come. */
   frame(frame: RangeFrame, sensor: SensorTable, shown: () => void): void;
-  /** The publisher was started again: what was shown belongs to another run. */
+  /** The publisher was restarted: the shown frames belong to another run. */
   restarted(): void;
   /** State, problem or publisher changed. */
   changed(): void;
@@ -16,12 +16,12 @@ export interface Sink {
 
 export interface FrameSource {
   readonly connection: ViewStats["connection"];
-  /** Why nothing comes, for people; null while all is well. */
+  /** Why no frames come, for people; null without a problem. */
   readonly problem: string | null;
   readonly alive: boolean | null;
-  /** What a viewer should know though all is well; null or nothing otherwise. */
+  /** A note that is not a problem; null or undefined without one. */
   readonly note?: string | null;
-  /** Milliseconds by which the clock of whoever decodes is ahead of the browser's; 0 where they are one. */
+  /** Milliseconds by which the decoding machine's clock is ahead of the browser's; 0 if they are the same. */
   readonly clockAheadMs: number;
   close(): void;
 }
@@ -29,8 +29,8 @@ export interface FrameSource {
 export interface SourceOptions {
   stream: StreamName;
   token: string | undefined;
-  /** Ask for the range image before coding, too. */
+  /** Also request the range image before coding. */
   original: boolean;
-  /** Have points made up between the columns that were sent. */
+  /** Request interpolated points between sent columns. */
   fill: boolean;
 }

@@ -1,4 +1,4 @@
-/** Counts of what is shown, for the page. */
+/** Counts of frames and pictures, for the page. */
 
 import type { ViewStats } from "../types";
 import type { RangeFrame } from "./frame";
@@ -7,7 +7,7 @@ const WINDOW_MS = 1000;
 const STALE_MS = 2000;
 const SLOTS = 256;
 
-/** Times within the last second, without an allocation for each. */
+/** Times within the last second, without allocations. */
 class Rate {
   readonly #times = new Float64Array(SLOTS).fill(Number.NEGATIVE_INFINITY);
   #next = 0;
@@ -36,7 +36,7 @@ export class Tally {
   readonly #frames = new Rate();
   readonly #pictures = new Rate();
 
-  /** A frame is shown; hostNow: milliseconds since 1970 by the clock of whoever decoded it. */
+  /** A frame is shown; hostNow: milliseconds since 1970 by the clock of the decoding machine. */
   shown(frame: RangeFrame, { points, madeUp }: { points: number; madeUp: number }, now: number, hostNow: number): void {
     this.#points = points;
     this.#madeUp = madeUp;
