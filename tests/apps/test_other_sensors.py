@@ -64,7 +64,7 @@ def sensor(payloads, port, host="127.0.0.1", pace_s=0.0005):
 
 @pytest.mark.data
 @pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.parametrize("codec", ["pcodec", "predictive"])
+@pytest.mark.parametrize("codec", ["pcodec", "predictive", "riddle"])
 def test_every_payload_of_a_capture_arrives(data_file, name, codec):
     path, network = data_file(CAPTURES[name]), MemoryNetwork()
     with (
@@ -147,7 +147,7 @@ def test_codec_auto_becomes_one_that_takes_such_frames(data_file, caplog):
     ):
         assert len(list(stream)) >= 4
         assert eventually(lambda: (car.status()["codec_choice"] or {}).get("because"), 20)
-        assert car.status()["codec"] in ("predictive", "pcodec")
+        assert car.status()["codec"] in ("riddle", "predictive", "pcodec")
         assert car.status()["errors"] == {}
     assert "could not encode" not in caplog.text
 
