@@ -189,13 +189,15 @@ class Keeper:
         if progress is None or passage.stage is not Stage.SHAKING:
             return None
         if progress.turns and passage.counts_as_failing:
-            self._trust(passage)
+            self._trust(passage, now_s)
         if progress.turns >= Progress.SESSION:
             self._opened(passage, now_s)
         return None
 
-    def _trust(self, passage: Passage) -> None:
+    def _trust(self, passage: Passage, now_s: float) -> None:
         """TLS stands: what it took of Zenoh's patience is given back."""
+        if self._limits.mutual:
+            passage.address.known_until_s = now_s + self._limits.known_s
         passage.counts_as_failing = False
         self._failing[passage.known].give_back()
         passage.address.at_zenoh -= 1

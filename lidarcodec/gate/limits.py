@@ -25,11 +25,12 @@ class Limits:
     bar_s:          how long an address is barred
     barred_rate:    connections a second that a barred address may try if it had a session before: one address may be
                     that of a stranger and of a viewer with a certificate
-    failing_rate:   handshakes a second that may fail at Zenoh, which bears ten: once for addresses that had a session
-                    before, and once for all others; failing_burst: how many at once
+    failing_rate:   handshakes a second that may fail at Zenoh, which bears ten: once for addresses that are known
+                    already, and once for all others; failing_burst: how many at once
     pending:        connections without a session that are with Zenoh, of all addresses; its own limit is 100
     at_once:        handshakes of one address that are with Zenoh at a time
-    known_s:        how long an address is preferred after its last session began
+    mutual:         whether Zenoh asks clients for a certificate; then whoever passes the handshake is known
+    known_s:        how long an address stays known after its last session began, or its last handshake if `mutual`
     """
 
     hello_s: float = 5.0
@@ -52,6 +53,7 @@ class Limits:
     failing_burst: float = 16.0
     pending: int = 80
     at_once: int = 8
+    mutual: bool = False
     known_s: float = 86400.0
 
     def packed(self) -> str:

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from lidarcodec.errors import TransportError
 from lidarcodec.gate.gate import Gate, listener_at
+from lidarcodec.gate.limits import Limits
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +65,8 @@ def put_behind(option: Callable[[str], Any]) -> Behind:
             listeners.append((listener, _free_port()))
             inner.append(f"tls/127.0.0.1:{listeners[-1][1]}{found['rest'] or ''}")
         held.pop_all()
-    return Behind(Gate(listeners), {_PATH: inner})
+    limits = Limits(mutual=option("transport/link/tls/enable_mtls") is True)
+    return Behind(Gate(listeners, limits), {_PATH: inner})
 
 
 def _tls(endpoint: Any) -> re.Match[str] | None:

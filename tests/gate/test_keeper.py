@@ -260,6 +260,23 @@ def test_connections_that_are_with_zenoh_stay_below_its_limit(port: Callable[...
     gate.is_(waiting=2)
 
 
+@pytest.mark.parametrize("mutual", [False, True])
+def test_where_clients_have_certificates_an_address_is_known_after_a_handshake(
+    port: Callable[..., Port], mutual: bool
+) -> None:
+    gate = port(mutual=mutual)
+    client = gate.stranger(says=HELLO)
+    assert gate.run(lambda: len(gate.keeper._shaking) == 1)
+    end, _ = gate.accepted()
+    end.sendall(ANSWER)
+    gate.through(end, client, len(ANSWER))
+    client.sendall(SAYS)
+    gate.through(client, end, len(HELLO) + len(SAYS))
+    end.sendall(ANSWER)
+    gate.through(end, client, len(ANSWER))
+    assert gate.keeper._addresses.seen("127.0.0.2", 0.0).known(0.0) is mutual
+
+
 def test_new_connections_of_an_address_have_a_rate(port: Callable[..., Port]) -> None:
     gate = port(new_burst=5)
     for _ in range(8):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
@@ -12,6 +13,7 @@ from lidarcodec.apps.timings import Timings
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.fleet.fleet import Fleet
+from lidarcodec_server.metrics.gate import GateMetrics
 from lidarcodec_server.metrics.metrics import Metrics
 from lidarcodec_server.metrics.spending import gauges_of
 from lidarcodec_server.metrics.totals import MAX_SENDERS, Totals
@@ -195,3 +197,15 @@ async def test_a_target_that_cannot_be_kept_is_told_to_prometheus(serving, vehic
         assert value(text, "lidarcodec_stream_kept_ratio", **CAR) == 1
         assert value(text, "lidarcodec_stream_intensity_levels", **CAR) == 256
         assert value(text, "lidarcodec_stream_bound_meters", **CAR) > 0
+
+
+def test_the_gate_in_front_of_tls_is_counted_and_without_one_there_is_nothing():
+    state = {"open": 2, "unfinished": 3, "barred": 1, "running": True, "sessions": 9, "failed": 8, "restarts": 0}
+    registry = CollectorRegistry()
+    registry.register(GateMetrics(lambda: state | {"refused": {"barred": 7}}))
+    text = generate_latest(registry).decode()
+    assert {"lidarcodec_gate_open 2.0", "lidarcodec_gate_running 1.0", "lidarcodec_gate_failed_total 8.0"} <= set(
+        text.splitlines()
+    )
+    assert 'lidarcodec_gate_refused_total{cause="barred"} 7.0' in text
+    assert list(GateMetrics(lambda: None).collect()) == []
