@@ -21,7 +21,7 @@ REGRIDDED: Final = "KITTI odometry, re-gridded"
 class Source(Protocol):
     """A source of one sensor's packets; a context manager.
 
-    sensor: the model and calibration that were found; sensor.origin says where
+    sensor: the model and calibration that were found; sensor.origin is their origin
     live:   True when packets come at the sensor's own pace (UDP), False when they can be read as fast as wanted
     counts: packets skipped or irregular, by cause (`truncated`, `wrong length`, `kernel drops`, ...), and `position
             packets`, the number given
@@ -38,10 +38,10 @@ class Source(Protocol):
         """
 
     def finish(self) -> None:
-        """End a live source: `packets` then ends behind what has come by now, if it can, else at once."""
+        """End a live source: `packets` then ends after the packets received so far if possible, otherwise at once."""
 
     def close(self) -> None:
-        """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""
+        """Close files and sockets; a waiting `packets` ends. A second call does nothing."""
 
     def __enter__(self) -> Source: ...
 
@@ -51,8 +51,8 @@ class Source(Protocol):
 class PacketSource(Source):
     """Base class of all sources.
 
-    label:    one line that says what it is
-    poses:    where the sensor was, if known
+    label:    description in one line
+    poses:    poses of the sensor, if known
     start_ns: host time of the first packet, if known before it is read
     """
 
@@ -79,11 +79,11 @@ class PacketSource(Source):
         return REGRIDDED if REGRIDDED in self.sensor.name else ""
 
     def finish(self) -> None:
-        """End a live source: `packets` then ends behind what has come by now, if it can, else at once."""
+        """End a live source: `packets` then ends after the packets received so far if possible, otherwise at once."""
         self.close()
 
     def close(self) -> None:
-        """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""
+        """Close files and sockets; a waiting `packets` ends. A second call does nothing."""
         self.closed = True
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""The metadata of an Ouster, asked from the sensor itself: `GET /api/v1/sensor/metadata`, from firmware 2.1 on."""
+"""The metadata of an Ouster, requested from the sensor: `GET /api/v1/sensor/metadata`, from firmware 2.1 on."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ READ_BYTES: Final = 16 * 1024
 
 
 def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) -> bytes:
-    """The metadata that a sensor gives, checked to be that of an Ouster. host: its name or address.
+    """The checked metadata of an Ouster. host: its name or address
 
-    The answer is read for `answer_s` seconds and 128 KiB at most. Redirections are not followed, no proxy is asked.
-    Raises CalibrationError if the sensor does not answer, or with something else.
+    The answer is read for at most `answer_s` seconds and 128 KiB. Redirections and proxies are not used.
+    Raises CalibrationError if the sensor does not answer, or its answer is not the metadata of an Ouster.
     """
     address = f"http://{f'[{host}]' if ':' in host else host}{'' if port == PORT else f':{port}'}{PATH}"
     if not host or any(character.isspace() or character in "/?#@\\" for character in host):
@@ -95,7 +95,7 @@ def _left(deadline: float) -> float:
 
 
 def _is_whole(answer: bytearray) -> bool:
-    """Whether an answer has as many bytes as it announces, for servers that keep the connection open."""
+    """Whether an answer has all bytes of its Content-Length, for servers that keep the connection open."""
     head, found, body = answer.partition(b"\r\n\r\n")
     for line in head.split(b"\r\n")[1:] if found else ():
         name, _, value = line.partition(b":")
@@ -107,7 +107,7 @@ def _is_whole(answer: bytearray) -> bool:
 
 
 class _Received:
-    """What http.client takes for a socket."""
+    """A minimal socket for http.client."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data

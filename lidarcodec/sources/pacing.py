@@ -53,7 +53,7 @@ class PacedSource(PacketSource):
         for packet, own_ns in self._endless():
             if last_ns is not None:
                 due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self.speed
-            if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may go back
+            if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # position stamps may go back
                 last_ns = packet.stamp_ns
             wait_s = due_s - time.monotonic()
             if wait_s > NAP_S and self._stop.wait(wait_s):

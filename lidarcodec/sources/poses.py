@@ -46,7 +46,7 @@ class Poses:
     Raises SourceError for other shapes, matrices that are not rigid, or times that do not increase.
     """
 
-    _told = False
+    _warned = False
 
     def __init__(self, stamps_ns: npt.NDArray[np.int64], matrices: Matrix, *, relative: bool = False) -> None:
         if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != len(stamps_ns) or not len(stamps_ns):
@@ -80,9 +80,9 @@ class Poses:
         return _matrix(position, _slerp(self.quaternions[after - 1], self.quaternions[after], part))
 
     def tell_unknown(self, stamp_ns: int) -> None:
-        """Warn once that no pose is known at a host time, so that frames are sent without."""
-        if not self._told:
-            self._told = True
+        """Warn once that no pose is known at a host time, so that frames are sent without a pose."""
+        if not self._warned:
+            self._warned = True
             first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
             logger.warning(
                 "some frames are sent without a pose, first the one of %s: the poses cover %s to %s",

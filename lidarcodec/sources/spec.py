@@ -74,7 +74,7 @@ class Spec:
     def position_port(self) -> int | None:
         """The port of position packets: option `position`, 0 for `off`; None if it was not given.
 
-        Raises SourceError if it is no port.
+        Raises SourceError if it is not a port.
         """
         return 0 if self.options.get("position") == "off" else self.whole("position", 1, 65535)
 
@@ -90,9 +90,9 @@ class Spec:
 
 
 def address_of(text: str) -> IPv4Address | IPv6Address:
-    """The sender's address that an option `src` names.
+    """The sender's address in an option `src`.
 
-    Raises SourceError if it is none.
+    Raises SourceError if it is not an address.
     """
     try:
         return ip_address(text)

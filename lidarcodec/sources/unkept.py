@@ -26,20 +26,20 @@ CAUSES: Final[dict[str, str]] = {
     "strangers": "packets of other senders",
     "kernel drops": "packets dropped by the kernel",
     "queue drops": "packets dropped from a full queue",
-    "other traffic": "frames that are no UDP",
+    "other traffic": "frames without UDP",
     "unknown link type": "frames of an unknown link type",
     "cut packets": "datagrams that the capture cut",
     "bad packets": "datagrams with wrong headers",
     "lost fragments": "datagrams that lack fragments",
     "bad fragments": "datagrams whose fragments do not fit",
-    "bad scans": "messages that are no VelodyneScan",
+    "bad scans": "messages that are not a VelodyneScan",
     "undecoded messages": "messages that could not be decoded",
     "missing references": "messages whose reference is missing",
-    "frames without packets": "frames that never were packets",
+    "frames without packets": "frames that were not made from packets",
     "packets of no interface": "packets of an interface that the capture does not describe",
     "points in one cell": "points behind a nearer one of the same firing",
     "points out of range": "points out of range",
-    "bad points": "points that are no numbers",
+    "bad points": "points with invalid numbers",
     "empty scans": "scans without points",
     "other topics": "messages of other topics",
 }
@@ -63,6 +63,6 @@ OF_THE_SENSOR: Final = (
 
 
 def unkept(counts: Counter[str]) -> str | None:
-    """Texts of what was not kept, largest counts first; None if everything was kept."""
+    """Texts about data that was not kept, largest counts first; None if everything was kept."""
     found = [f"{number} {CAUSES[cause]}" for cause, number in counts.most_common() if number and cause in CAUSES]
     return ", ".join(found) or None

@@ -165,7 +165,7 @@ class _Inbox(_Declared):
 
     def __init__(self, key: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
         super().__init__(key, entities, forget)
-        self._key, self._ring, self._told = key, entities[0].handler, False
+        self._key, self._ring, self._warned = key, entities[0].handler, False
 
     def receive(self) -> bytes | None:
         """The newest message, as soon as there is one; None once closed."""
@@ -176,8 +176,8 @@ class _Inbox(_Declared):
                 return None
             if len(payload) <= MAX_MESSAGE:
                 return bytes(payload.to_bytes())
-            if not self._told:
-                self._told = True
+            if not self._warned:
+                self._warned = True
                 logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
 
 

@@ -210,7 +210,7 @@ def test_what_a_damaged_page_costs_is_said(tmp_path, caplog, byte):
         assert source.counts["damaged"] >= 1
     assert found == (PACKETS * 10)[: len(found)]
     assert 300 < len(found) < 900
-    assert "damaged, and a part of it was left out" in caplog.text
+    assert "damaged, and a part of it was skipped" in caplog.text
 
 
 def test_a_damaged_index_hides_no_scan(tmp_path):

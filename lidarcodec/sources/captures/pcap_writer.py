@@ -74,9 +74,9 @@ class PcapWriter:
         self._file.write(record + headers(size, position=packet.position) + packet.payload)
 
     def write_all(self, packets: Iterable[Packet]) -> int:
-        """Append packets; returns how many.
+        """Append packets. Returns their number.
 
-        Raises SourceError as `write` does.
+        Raises the errors of `write`.
         """
         count = 0
         for packet in packets:

@@ -28,11 +28,11 @@ from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES
 logger = logging.getLogger(__name__)
 
 FIRST_PACKETS: Final = 1024
-"""Packets at the start of a file that are searched for streams: 0.3 s of an HDL-64E."""
+"""Number of first packets that are searched for streams: 0.3 s of an HDL-64E."""
 
 NAMED_STREAMS: Final = 16
 MAX_STREAMS: Final = 64
-"""Most streams of a capture among which the sensor's is looked for."""
+"""Most streams of a capture in the search for the sensor's stream."""
 POSITIONS: Final = "position packets"
 
 Stream = tuple[bytes, int]
@@ -72,8 +72,9 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
 class CaptureSource(PacketSource):
     """Packets of one sensor in a capture file: its data packets, and position packets of the same sender.
 
-    Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets` (which are given), and what
-    is not: `position packets not kept` (another sender's), `position packets to another port`, `wrong length`, `other
+    Counts: `truncated`, `damaged` (1 if the file ended early), `position packets` (which are given), and data that is
+    not
+    given: `position packets not kept` (of another sender), `position packets to another port`, `wrong length`, `other
     stream`, `other datagrams`, `other traffic`, ...
     """
 
@@ -86,7 +87,7 @@ class CaptureSource(PacketSource):
         position: int | None = None,
         model: str | None = None,
     ) -> None:
-        """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
+        """Reads the first packets, to find the streams and the sensor of the chosen one.
 
         model: of the sensor, as in `--model`; by default the one that the packets show
         port, src: destination port and sender's address of the stream to take; by default the most frequent stream.

@@ -48,8 +48,8 @@ class Fidelity(NamedTuple):
     """Distances between the points of a scan and the native values projected back to points.
 
     points: of the file; equal: share whose three coordinates are the same in whole millimetres; within_1mm: share whose
-    distance is at most 1 mm; worst_mm: largest distance; in_one_cell, out_of_range: points that stand in no packet,
-    because a nearer one took their place or a distance of 2 mm to 131 m cannot say where they are
+    distance is at most 1 mm; worst_mm: largest distance; in_one_cell, out_of_range: points without a place in a packet,
+    because a nearer point has the same cell, or because they are not 2 mm to 131 m away
     """
 
     points: int

@@ -130,7 +130,7 @@ def _first(scans: Sequence[Scan]) -> tuple[Scan, Points]:
         points, _ = read_points(scan.path)
         if len(points):
             return scan, points
-    raise SourceError(f"{scans[0].path} and the scans behind it have no points")
+    raise SourceError(f"{scans[0].path} and all later scans have no points")
 
 
 def _calibration(scan: Path, given: Path | None) -> SensorModel | None:

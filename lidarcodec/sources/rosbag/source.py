@@ -100,12 +100,12 @@ class RosbagSource(PacketSource):
                     counts["bad scans"] += 1
                     continue
                 yield from packets
-        told = _told(self.path, self.topic)
-        if number < told:
+        announced = _announced_count(self.path, self.topic)
+        if number < announced:
             counts["damaged"] += 1
             if warn:
                 text = "%s: %s announces %d messages of %s, but %d were found"
-                log.warning(text, self.path, METADATA, told, self.topic, number)
+                log.warning(text, self.path, METADATA, announced, self.topic, number)
 
 
 def is_rosbag(path: Path) -> bool:
@@ -149,8 +149,8 @@ def _information(path: Path) -> dict[str, Any]:
     return about
 
 
-def _told(path: Path, topic: str) -> int:
-    """Number of messages of a topic by the bag's metadata; 0 where that has no number."""
+def _announced_count(path: Path, topic: str) -> int:
+    """Number of messages of a topic by the bag's metadata; 0 if it has no number."""
     told = _information(path / METADATA).get("topics_with_message_count") if path.is_dir() else None
     for one in told if isinstance(told, list) else ():
         about = one.get("topic_metadata") if isinstance(one, dict) else None
@@ -228,10 +228,10 @@ def _plain(data: bytes, expands: Allowance, seen: int) -> bytes:
     if data[:4] != _ZSTD:
         return data
     if not expands.spend(0, seen):
-        raise SectionError(f"compressed messages that become more than {EXPANDED_TIMES} times as long")
+        raise SectionError(f"compressed messages expand to more than {EXPANDED_TIMES} times their size")
     try:
         if zstandard.frame_content_size(data) > MAX_RECORD:  # zstandard allocates this size whatever the limit below
-            raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
+            raise SectionError(f"a compressed message has more than {MAX_RECORD} bytes")
         plain = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT).decompress(data, max_output_size=MAX_RECORD)
     except zstandard.ZstdError as error:
         raise SectionError(f"a compressed message cannot be read: {error}") from None

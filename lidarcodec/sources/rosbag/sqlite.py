@@ -137,7 +137,7 @@ class _Lost:
         self._counts["damaged"] += 1
         if self._warns:
             self._warns = False
-            log.warning("%s is damaged, and a part of it was left out: %s", self._path, why)
+            log.warning("%s is damaged, and a part of it was skipped: %s", self._path, why)
 
 
 def _not_read(path: Path) -> str | None:
