@@ -129,7 +129,7 @@ class AnnotationFolder:
             return Frame(index, int(file["stamp_ns"]), file["range"], file["intensity"], file["azimuth"],
                          file["fired"], sensor or self.sensor)  # fmt: skip
         except (KeyError, TypeError, LidarCodecError) as error:
-            raise SourceError(f"{self.path}/frames/{index:06d}.npz holds no frame: {error}") from None
+            raise SourceError(f"{self.path}/frames/{index:06d}.npz has no frame: {error}") from None
 
     def scan(self, index: int, sensor: SensorModel | None = None) -> Scan:
         """The returns of a frame in the order of its cloud. Raises SourceError."""
@@ -152,7 +152,7 @@ class AnnotationFolder:
         except (KeyError, TypeError, ValueError, OverflowError):
             found = None
         if found is None or not _are_labels(found):
-            raise SourceError(f"{self.path}/labels/{index:06d}.npz holds no labels")
+            raise SourceError(f"{self.path}/labels/{index:06d}.npz has no labels")
         return found
 
     def labelled(self) -> list[int]:
