@@ -15,13 +15,14 @@ if ! printf '#include <vector>\nstd::vector<int> v;\n' | "$cxx" --target=wasm32-
   exit 1
 fi
 
-core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers frames/described_sensor frames/image_frame
-      frames/plane_section frames/rest frames/ring_geometry images/coder images/heads mask/align mask/coder mask/places mask/stream motion/fixed_angle
+core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers
+      images/coder images/following images/heads mask/align mask/coder mask/places mask/stream motion/fixed_angle
       motion/range_history motion/warp motion/warp_surface network/net network/update network/weight_file pco/groups pco/pco
       planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
       predictive/write ranges/activity sensors/block_model sensors/json sensors/model sensors/model_tables sensors/ouster
       sensors/ouster_metadata sensors/velodyne session/history session/lattice session/message session/outside session/planes
-      session/ranges session/sensor session/session session/shelf"
+      session/ranges session/sensor session/session session/shelf session/frames/described_sensor session/frames/image_frame session/frames/plane_section
+      session/frames/rest session/frames/ring_geometry"
 sources=$(ls native/wasm/*.cpp; for name in $core; do echo "native/src/$name.cpp"; done)
 rm -rf "$objects"
 mkdir -p "$objects"

@@ -143,8 +143,6 @@ def read_head(data: bytes) -> PlaneHead:
     forms = tuple(_form(number, raw) for number in range(count))
     if len({form.name for form in forms}) < count or forms[0].name != "range" or forms[0].role != "range":
         raise SectionError("planes whose names occur twice, or whose first is not the ranges")
-    if any(form.role != "attribute" and (step // 2 + 1) // 2 >> form.bits for form in forms):
-        raise SectionError(f"ranges in steps of {step}, which have no bits for one step")
     shift = np.array([reader.signed(MAX_COLUMNS) for _ in range(rows)], np.int32)
     tables = read_tables(reader, forms) if marks & _WITH_TABLES else {}
     return PlaneHead(kind, rows, step, forms, shift, tables, bool(marks & _REDUCED), reader.offset)

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "frames/ring_geometry.hpp"
+#include "session/frames/ring_geometry.hpp"
 #include "session/session.hpp"
 
 #define EXPORT(name) extern "C" __attribute__((export_name(#name)))

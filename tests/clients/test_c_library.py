@@ -315,6 +315,8 @@ def test_damaged_messages_of_other_sensors_end_as_in_the_package(session: CSessi
             wanted, found = _outcome(decoder.decode, message), _outcome(session.push, data)
             if "damaged zstd frame" in str(wanted):
                 continue  # a newer libzstd sees more of it than an older one
+            if "side information" in str(wanted) and message.has(SectionType.LATTICE):
+                continue  # of packets in a lattice, which has none here
             if isinstance(wanted, DecodeError):
                 assert isinstance(found, DecodeError), str(wanted)
                 assert _class(found) == _class(wanted), (str(found), str(wanted))

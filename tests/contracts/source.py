@@ -36,12 +36,12 @@ def says_what_it_is(make: Open) -> None:
 
 
 def gives_packets_in_order(make: Open) -> None:
-    """1206 bytes each, and times that never go back."""
+    """1206 bytes each, but for point clouds, and times that never go back."""
     with make() as source:
         packets = list(islice(source.packets(), ENOUGH))
     assert packets
     assert all(type(p) is Packet and type(p.payload) is bytes and type(p.stamp_ns) is int for p in packets)
-    assert {len(p.payload) for p in packets} == {1206}
+    assert source.sensor.is_cloud or {len(p.payload) for p in packets} == {1206}
     stamps = [p.stamp_ns for p in packets]
     assert stamps == sorted(stamps)
     if source.start_ns is not None:

@@ -16,11 +16,16 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import TABLE, kind_of
+from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport.base import Priority
+from tests.bridges.test_ros_source import key
 from tests.contracts import source as contract
+from tests.point_clouds import STAMP_NS, message, velodyne
 from tests.sources import captures as c
 from tests.sources.test_kitti import drive, turn
 from tests.sources.test_recording import record
 from tests.sources.test_rosbag import bag
+from tests.transport.conftest import free_port
 
 
 @contextlib.contextmanager
@@ -73,7 +78,37 @@ def town(folder: Path) -> Iterator[str]:
     yield "sim:city?seed=2&frames=2"
 
 
-EXAMPLES = {"rosbag": rosbag, "capture": capture, "udp": sensor, "folder": kitti, "recording": recording, "sim": town}
+@contextlib.contextmanager
+def topic(folder: Path) -> Iterator[str]:
+    """A node that publishes clouds as long as anybody looks."""
+    endpoint, stop = f"tcp/127.0.0.1:{free_port()}", threading.Event()
+    with open_transport(Endpoints.of(listen=endpoint, mode="router")) as router:
+        sender, cloud = router.sender(key(), Priority.EVERY_FRAME), velodyne(20)
+
+        def send() -> None:
+            stamp_ns = STAMP_NS
+            while not stop.wait(0.005):
+                stamp_ns += 5_000_000
+                sender.put(message(cloud, stamp_ns=stamp_ns))
+
+        node = threading.Thread(target=send)
+        node.start()
+        try:
+            yield f"ros2:/lidar/points?router={endpoint}"
+        finally:
+            stop.set()
+            node.join()
+
+
+EXAMPLES = {
+    "rosbag": rosbag,
+    "capture": capture,
+    "udp": sensor,
+    "ros2": topic,
+    "folder": kitti,
+    "recording": recording,
+    "sim": town,
+}
 
 
 def test_every_line_of_the_table_has_an_example_here():

@@ -40,6 +40,7 @@ STREAMS = {
     "other_zstd_pandar64": Stream(block_sensor("pandar64"), "dual", 3, {"codec": "zstd", "intensity": "off"}),
     "other_zstd_xt32": Stream(block_sensor("xt32"), "single", 2, {"codec": "zstd"}),
     "other_pcodec_xt32": Stream(block_sensor("xt32"), "dual", 3, {"codec": "pcodec"}),
+    "other_riddle_xt32": Stream(block_sensor("xt32"), "dual", 3, {"codec": "riddle"}),
     "other_predictive_vls128": Stream(block_sensor("vls128"), "dual", 4, {"codec": "predictive"}),
     "other_zstd_os1-128": Stream(
         ouster("RNG15_RFL8_NIR8", 128, "OS-1-128"),

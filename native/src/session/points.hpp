@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "frames/cloud.hpp"
+#include "session/frames/cloud.hpp"
 #include "session/session.hpp"
 
 namespace lidarcodec {

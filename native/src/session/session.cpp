@@ -23,7 +23,7 @@ bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec ==
 void check_codec(const Message& message, const Outside& outside) {
   const Codec codec = message.codec;
   if (message.planes) {
-    if (codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || codec == Codec::Predictive) return;
+    if (codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || expects_ranges(codec)) return;
     const std::string name = name_of(codec);
     throw Error(ErrorCode::Version,
                 "codec " + (name.empty() ? std::to_string(static_cast<unsigned>(codec)) : name) +
@@ -116,7 +116,7 @@ SessionFrame Session::decode(const Message& message) {
   frame.stamp_ns = message.stamp_ns;
   frame.key = message.key;
   if (message.planes) {
-    frame.images = read_image_frame(message, described_, *outside_);
+    frame.images = images_of(message);
     frame.has_intensity = frame.images->plane("intensity") != nullptr;
   } else {
     decode_planes_of(message, frame);
@@ -125,13 +125,27 @@ SessionFrame Session::decode(const Message& message) {
   return frame;
 }
 
-void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
-  frame.sensor = sensors_.of(message, *outside_);
+ImageFrame Session::images_of(const Message& message) {
+  if (message.codec != Codec::Riddle) return read_image_frame(message, described_, *outside_, nullptr);
+  check_reference(message);
+  if (!message.needs) plane_memory_ = empty_plane_memory();
+  last_.reset();  // until the message is decoded
+  ImageFrame images = read_image_frame(message, described_, *outside_, plane_memory_.get());
+  last_ = message.frame_index;
+  return images;
+}
+
+void Session::check_reference(const Message& message) const {
   if (message.needs && message.needs != last_)
     throw Error(ErrorCode::Reference,
                 "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) +
                     ", which was not decoded: ask for a key frame",
                 *message.needs);
+}
+
+void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
+  frame.sensor = sensors_.of(message, *outside_);
+  check_reference(message);
   frame.planes = planes_of(message, *frame.sensor);
   if (message.needs)
     masks_.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
@@ -283,7 +297,7 @@ void Session::use_networks(const Message& message, std::uint8_t effort, const st
 std::string Session::missing_weights(Bytes data) const {
   try {
     const Message message = read_message(data);
-    if (message.codec != Codec::Riddle) return "";
+    if (message.codec != Codec::Riddle || message.planes) return "";
     const RiddleHead head = riddle_head(split_step(message.section(SectionType::Range)).second);
     const bool same_stream = of_ == std::tuple(message.codec, message.stream_id, message.planes);
     return head.effort == kPlainEffort ? "" : (same_stream ? shelf_ : Shelf()).missing(message, head.name, *outside_);

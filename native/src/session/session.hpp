@@ -11,9 +11,9 @@
 #include <optional>
 #include <tuple>
 
-#include "frames/image_frame.hpp"
 #include "mask/stream.hpp"
 #include "predictive/coder.hpp"
+#include "session/frames/image_frame.hpp"
 #include "session/history.hpp"
 #include "session/planes.hpp"
 #include "session/sensor.hpp"
@@ -65,6 +65,8 @@ class Session {
   };
 
   void begin_stream(const Message& message);
+  ImageFrame images_of(const Message& message);
+  void check_reference(const Message& message) const;
   void decode_planes_of(const Message& message, SessionFrame& frame);
   Planes planes_of(const Message& message, const Sensor& sensor);
   void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
@@ -88,6 +90,7 @@ class Session {
   // Of codecs that expect ranges.
   MaskStream mask_stream_;
   StreamMemory memory_;
+  std::shared_ptr<PlaneMemory> plane_memory_;           // of other sensors than an HDL-64E
   Motion motion_;                                       // of the message at hand
   std::optional<std::vector<std::uint16_t>> expected_;  // (64, W), of the message at hand, once it is asked for
   std::unique_ptr<PredictiveCoder> coder_;

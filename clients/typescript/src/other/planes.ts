@@ -50,7 +50,7 @@ export function readPlaneSection(data: Uint8Array, columns: number): PlaneSectio
     throw damaged(`${count} planes of ${rows} x ${columns}`);
   if (step % 2 === 0) throw damaged(`a range step of ${step}`);
   const forms = Array.from({ length: count }, () => readForm(reader));
-  checkForms(forms, step);
+  checkForms(forms);
   for (let row = 0; row < rows; row++) reader.signed(BigInt(LARGEST_WIDTH)); // by which kind 2 moves rows
   const tables = marks & WITH_TABLES ? readTables(reader, forms) : forms.map(() => null);
 
@@ -84,13 +84,12 @@ function readForm(reader: Reader): Form {
   return { name, role, bits, of };
 }
 
-function checkForms(forms: Form[], step: number): void {
+function checkForms(forms: Form[]): void {
   if (forms[0]!.name !== "range" || forms[0]!.role !== 0 || new Set(forms.map(({ name }) => name)).size < forms.length)
     throw damaged("planes whose names occur twice, or whose first is not the ranges");
-  for (const { name, role, bits, of } of forms) {
+  for (const { name, role, of } of forms) {
     if (of >= forms.length || (role === ATTRIBUTE && forms[of]!.role === ATTRIBUTE))
       throw damaged(`plane ${name} belongs to plane ${of}, which is not one of ranges`);
-    if (role !== ATTRIBUTE && valueOfOne(step) >= 2 ** bits) throw damaged(`ranges in steps of ${step}`);
   }
 }
 
@@ -146,7 +145,7 @@ function scale({ name, role }: Form, bits: number, numbers: Uint32Array, step: n
     if (numbers.some((value) => value > most)) throw damaged(`plane ${name} holds a number of more than ${bits} bits`);
     return;
   }
-  const one = valueOfOne(step);
+  const one = Math.min(valueOfOne(step), most); // a step may be too large for the plane
   for (let i = 0; i < numbers.length; i++) {
     const number = numbers[i]!;
     if (number > 0) numbers[i] = number === 1 ? one : Math.min((number - 1) * step, most);

@@ -1,9 +1,9 @@
 // A frame of another sensor than an HDL-64E: planes, the rest of its packets, and the direction of each column; in
 // Python lidarcodec/image_frame.py.
 #pragma once
-#include "frames/described_sensor.hpp"
-#include "frames/plane_section.hpp"
-#include "frames/rest.hpp"
+#include "session/frames/described_sensor.hpp"
+#include "session/frames/plane_section.hpp"
+#include "session/frames/rest.hpp"
 
 namespace lidarcodec {
 
@@ -23,6 +23,7 @@ struct ImageFrame {
 };
 
 // The frame of a message. Raises Section, Truncated, or Reference where a key message has to come first.
-ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors, const Outside& outside);
+ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors, const Outside& outside,
+                            PlaneMemory* memory);
 
 }  // namespace lidarcodec

@@ -1,6 +1,6 @@
 // Points of a frame of another sensor than an HDL-64E; in Python lidarcodec/other_cloud.py.
 #pragma once
-#include "frames/image_frame.hpp"
+#include "session/frames/image_frame.hpp"
 
 namespace lidarcodec {
 

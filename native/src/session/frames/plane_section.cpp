@@ -1,16 +1,17 @@
-#include "frames/plane_section.hpp"
+#include "session/frames/plane_section.hpp"
 
 #include <algorithm>
 #include <numeric>
 
 #include "base/varint.hpp"
-#include "frames/names.hpp"
 #include "images/coder.hpp"
+#include "images/following.hpp"
+#include "session/frames/names.hpp"
 
 namespace lidarcodec {
 namespace {
 
-constexpr std::uint8_t kPlain = 0, kZstd = 1, kModelled = 2, kReduced = 64, kWithTables = 128;
+constexpr std::uint8_t kPlain = 0, kZstd = 1, kModelled = 2, kFollowing = 3, kReduced = 64, kWithTables = 128;
 constexpr std::uint64_t kMostTableSize = 256, kMostTableStep = 1 << 20;
 constexpr std::uint32_t kPlaceBits = 8;
 constexpr std::size_t kMostRows = 128, kMostFramePlanes = 12, kMostNumbers = std::size_t{1} << 23, kMostName = 16;
@@ -34,14 +35,12 @@ NamedPlane read_form(VarintReader& reader) {
   return plane;
 }
 
-void check_forms(const std::vector<NamedPlane>& planes, std::uint32_t step) {
+void check_forms(const std::vector<NamedPlane>& planes) {
   for (std::size_t i = 0; i < planes.size(); ++i) {
     const NamedPlane& plane = planes[i];
     if (plane.of >= planes.size() ||
         (plane.role == PlaneRole::Attribute && planes[plane.of].role == PlaneRole::Attribute))
       damaged("plane " + plane.name + " belongs to plane " + std::to_string(plane.of) + ", which is not one of ranges");
-    if (plane.role != PlaneRole::Attribute && (step / 2 + 1) / 2 >> plane.bits != 0)
-      damaged("ranges in steps of " + std::to_string(step) + ", which have no bits for one step");
     for (std::size_t j = 0; j < i; ++j)
       if (planes[j].name == plane.name) damaged("planes whose names occur twice");
   }
@@ -68,7 +67,8 @@ PlaneFrame frame_of(const std::vector<NamedPlane>& planes, const std::vector<std
   return frame;
 }
 
-void decode_modelled(Bytes body, PlaneFrame shape, std::vector<NamedPlane>& planes) {
+// memory: of the frames before, or nothing where this frame stands for itself
+void decode_modelled(Bytes body, PlaneFrame shape, std::vector<NamedPlane>& planes, PlaneMemory* memory) {
   std::vector<std::size_t> order(planes.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
@@ -77,7 +77,8 @@ void decode_modelled(Bytes body, PlaneFrame shape, std::vector<NamedPlane>& plan
   shape.planes = frame_of(planes, order).planes;
   std::vector<PlaneImage> images;
   try {
-    images = decode_planes(body.data(), body.size(), shape);
+    images = memory == nullptr ? decode_planes(body.data(), body.size(), shape)
+                               : decode_next_planes(*memory, body.data(), body.size(), shape);
   } catch (const Error& error) {
     if (error.code() == ErrorCode::Settings) damaged(error.what());
     throw;
@@ -168,8 +169,8 @@ void look_up(const Tables& tables, std::vector<NamedPlane>& planes) {
 
 // The planes of a body, of `columns` columns, as they are coded: of those with a table, places.
 void decode_body(std::uint8_t kind, Bytes body, PlaneFrame shape, std::vector<NamedPlane>& planes,
-                 const Outside& outside) {
-  if (kind == kModelled) return decode_modelled(body, std::move(shape), planes);
+                 const Outside& outside, PlaneMemory* memory) {
+  if (kind >= kModelled) return decode_modelled(body, std::move(shape), planes, kind == kFollowing ? memory : nullptr);
   const std::size_t cells = shape.rows * shape.columns;
   std::size_t size = 0;
   for (const NamedPlane& plane : planes) size += cells * bytes_of(plane.bits);
@@ -188,7 +189,9 @@ void decode_body(std::uint8_t kind, Bytes body, PlaneFrame shape, std::vector<Na
 
 }  // namespace
 
-PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside& outside) {
+std::shared_ptr<PlaneMemory> empty_plane_memory() { return std::make_shared<PlaneMemory>(); }
+
+PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside& outside, PlaneMemory* memory) {
   VarintReader reader(data, "planes");
   const std::uint8_t marks = reader.byte();
   const auto kind = static_cast<std::uint8_t>(marks & ~(kReduced | kWithTables));
@@ -196,13 +199,15 @@ PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside
   section.rows = std::size_t{reader.byte()} + 1;
   const auto step = static_cast<std::uint32_t>(reader.number(kMostStep, 1));
   const std::size_t count = reader.number(kMostFramePlanes, 1);
-  if (kind > kModelled) damaged("planes of unknown kind " + std::to_string(kind));
+  if (kind > kFollowing) damaged("planes of unknown kind " + std::to_string(kind));
+  if (kind == kFollowing && memory == nullptr)
+    damaged("planes that follow others, of a codec whose frames stand alone");
   if (section.rows > kMostRows || columns > kMostColumns || section.rows * columns * count > kMostNumbers)
     damaged(std::to_string(count) + " planes of " + std::to_string(section.rows) + " x " + std::to_string(columns) +
             ": the limit is " + std::to_string(kMostNumbers) + " numbers in a frame");
   if (step % 2 == 0) damaged("range step " + std::to_string(step) + " is not an odd number");
   while (section.planes.size() < count) section.planes.push_back(read_form(reader));
-  check_forms(section.planes, step);
+  check_forms(section.planes);
   PlaneFrame shape;
   shape.rows = section.rows;
   shape.columns = columns;
@@ -216,8 +221,14 @@ PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside
     bits.push_back(section.planes[i].bits);
     if (!tables.empty() && !tables[i].empty()) section.planes[i].bits = kPlaceBits;
   }
-  decode_body(kind, reader.rest(), std::move(shape), section.planes, outside);
-  for (std::size_t i = 0; i < count; ++i) section.planes[i].bits = bits[i];
+  decode_body(kind, reader.rest(), std::move(shape), section.planes, outside, memory);
+  for (std::size_t i = 0; i < count; ++i) {
+    NamedPlane& plane = section.planes[i];
+    plane.bits = bits[i];
+    const std::uint32_t most = (std::uint32_t{1} << plane.bits) - 1;
+    if (plane.role != PlaneRole::Attribute && step > 1)
+      for (std::uint32_t& value : plane.values) value = std::min(value, most);  // a step may be too large for the plane
+  }
   look_up(tables, section.planes);
   return section;
 }

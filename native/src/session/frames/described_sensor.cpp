@@ -1,4 +1,4 @@
-#include "frames/described_sensor.hpp"
+#include "session/frames/described_sensor.hpp"
 
 #include <numeric>
 

@@ -1,4 +1,4 @@
-#include "frames/image_frame.hpp"
+#include "session/frames/image_frame.hpp"
 
 #include <algorithm>
 
@@ -62,8 +62,9 @@ std::unique_ptr<FrameGeometry> ImageFrame::geometry() const {
   return layout == nullptr ? nullptr : sensor->family->geometry(*layout, rest.series, sensor->table);
 }
 
-ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors, const Outside& outside) {
-  if (message.frame_count != 1 || message.needs)
+ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors, const Outside& outside,
+                            PlaneMemory* memory) {
+  if (message.frame_count != 1 || (message.needs && memory == nullptr))
     damaged("a message of planes with several frames, or that refers to another");
   ImageFrame frame;
   frame.sensor = sensors.of(message, outside);
@@ -77,7 +78,8 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
               std::to_string(frame.width));
   }
   if (const std::optional<Bytes> section = message.find(SectionType::Planes)) {
-    PlaneSection found = decode_plane_section(*section, lattice ? lattice->columns.size() : frame.width, outside);
+    const std::size_t columns = lattice ? lattice->columns.size() : frame.width;
+    PlaneSection found = decode_plane_section(*section, columns, outside, memory);
     if (found.rows != frame.sensor->rows())
       damaged("planes of " + std::to_string(found.rows) + " rows of a sensor with " +
               std::to_string(frame.sensor->rows()));

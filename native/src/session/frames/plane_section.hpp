@@ -1,6 +1,7 @@
 // The PLANES section (docs/wire-format-other-sensors.md): all images of a frame of another sensor than an HDL-64E; in
 // Python lidarcodec/planes/plane_section.py.
 #pragma once
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -23,8 +24,12 @@ struct PlaneSection {
   std::vector<NamedPlane> planes;  // the first is `range`
 };
 
-// The planes of a section, `columns` wide. Raises Section or Truncated, before it takes more memory than the largest
-// frame needs.
-PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside& outside);
+class PlaneMemory;  // images/memory.hpp: what planes that follow others remember
+
+std::shared_ptr<PlaneMemory> empty_plane_memory();
+
+// The planes of a section, `columns` wide. memory: of a stream whose frames may follow each other, else nothing. Raises
+// Section or Truncated, before it takes more memory than the largest frame needs.
+PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside& outside, PlaneMemory* memory);
 
 }  // namespace lidarcodec

@@ -1,4 +1,4 @@
-#include "frames/cloud.hpp"
+#include "session/frames/cloud.hpp"
 
 namespace lidarcodec {
 namespace {

@@ -1,4 +1,4 @@
-#include "frames/ring_geometry.hpp"
+#include "session/frames/ring_geometry.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // Geometry of another sensor than an HDL-64E as a calibration of each ring, for viewers that compute points themselves:
 // lidarcodec_server/live/ring_geometry.py says how it is fitted.
 #pragma once
-#include "frames/image_frame.hpp"
+#include "session/frames/image_frame.hpp"
 
 namespace lidarcodec {
 

@@ -1,4 +1,4 @@
-#include "frames/rest.hpp"
+#include "session/frames/rest.hpp"
 
 #include <algorithm>
 #include <map>
@@ -6,7 +6,7 @@
 #include "base/varint.hpp"
 #include "bits/number_series.hpp"
 #include "bits/numbers.hpp"
-#include "frames/names.hpp"
+#include "session/frames/names.hpp"
 
 namespace lidarcodec {
 namespace {
