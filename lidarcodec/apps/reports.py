@@ -75,6 +75,7 @@ STATUS_FIELDS = frozenset(
         "fps",
         "kbps",
         "rate",
+        "images",
         "reduction",
         "learning",
         "path",

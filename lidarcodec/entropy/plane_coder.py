@@ -56,9 +56,9 @@ def encode_planes(
 
     Raises SettingsError if shapes, bits and forms do not fit together.
     """
-    ordered = _in_order(forms)
+    ordered = in_order(forms)
     images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
-    return fast.encode_planes(images, _table(ordered), np.ascontiguousarray(shift, np.int32), step, quick=quick)
+    return fast.encode_planes(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, quick=quick)
 
 
 def decode_planes(
@@ -69,8 +69,8 @@ def decode_planes(
     Takes memory for H times `columns` cells a plane: check both before. Raises SectionError or TruncatedError if the
     bytes are damaged, SettingsError if the forms do not fit together.
     """
-    ordered = _in_order(forms)
-    images = fast.decode_planes(data, columns, _table(ordered), np.ascontiguousarray(shift, np.int32), step)
+    ordered = in_order(forms)
+    images = fast.decode_planes(data, columns, form_table(ordered), np.ascontiguousarray(shift, np.int32), step)
     return _by_name(forms, ordered, images, step)
 
 
@@ -100,17 +100,17 @@ class PlaneMemory:
 
         Raises SettingsError if shapes, bits, forms and runs do not fit together.
         """
-        ordered = _in_order(forms)
+        ordered = in_order(forms)
         images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
         given = np.zeros((0, 2), np.uint32) if runs is None else np.ascontiguousarray(runs, np.uint32)
-        return self._native.encode(images, _table(ordered), np.ascontiguousarray(shift, np.int32), step, given)
+        return self._native.encode(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, given)
 
     def decode(
         self, data: bytes, columns: int, forms: Sequence[PlaneForm], shift: npt.NDArray[np.int32], step: int = 1
     ) -> dict[str, Unsigned]:
         """The planes of the next frame, as of `decode_planes`. Raises as that does."""
-        ordered = _in_order(forms)
-        images = self._native.decode(data, columns, _table(ordered), np.ascontiguousarray(shift, np.int32), step)
+        ordered = in_order(forms)
+        images = self._native.decode(data, columns, form_table(ordered), np.ascontiguousarray(shift, np.int32), step)
         return _by_name(forms, ordered, images, step)
 
 
@@ -133,12 +133,12 @@ def _dtype(bits: int) -> type[np.unsignedinteger]:
     return np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32
 
 
-def _in_order(forms: Sequence[PlaneForm]) -> list[PlaneForm]:
+def in_order(forms: Sequence[PlaneForm]) -> list[PlaneForm]:
     """Ranges first, then narrow attributes: those that are in proportion to them follow."""
     return sorted(forms, key=lambda form: (_ROLES.index(form.role), form.bits))
 
 
-def _table(ordered: Sequence[PlaneForm]) -> npt.NDArray[np.uint8]:
+def form_table(ordered: Sequence[PlaneForm]) -> npt.NDArray[np.uint8]:
     """(P, 4): role, bits, number of the range plane, number of the plane that it repeats."""
     numbers = {form.name: number for number, form in enumerate(ordered)}
     rows = []

@@ -21,6 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.message import Message, SectionType
+from lidarcodec.planes.lattice_section import read_lattice
+from lidarcodec.planes.plane_section import read_head
+from lidarcodec.planes.plane_sizes import plane_sizes
 from lidarcodec.units import RANGE_STEP_M
 
 PEAK_M = 130.0
@@ -136,15 +139,32 @@ class Sizes:
             plane = PLANE_OF_SECTION.get(section.type)
             if plane is not None:
                 self.planes[plane] += len(section.data)
+            if section.type == SectionType.PLANES:
+                self._split(message, section.data)
+
+    def _split(self, message: Message, section: bytes) -> None:
+        """Count the images of another sensor than an HDL-64E by what they are, as far as the section tells."""
+        columns = message.width
+        if message.has(SectionType.LATTICE):
+            columns = len(read_lattice(message.section(SectionType.LATTICE)).columns)
+        sizes = plane_sizes(section, columns)
+        if sizes is None:
+            return
+        for form in read_head(section).forms:
+            self.planes["intensity" if form.role == "attribute" else "range"] += sizes[form.name]
+        self.planes["planes"] -= sum(sizes.values())
 
     def bits_per(self, points: int) -> dict[str, float | None]:
         """Bits of each part for each of `points` points; all None if there are no points.
 
-        `planes`: all images together, for sensors whose images are coded together
+        `planes`: images that are coded in one stream. What they are made of is then not known: range, mask, geometry
+        and intensity are None. Of other sensors than an HDL-64E the mask is in the range, and the intensity is that of
+        all attributes.
         """
         planes = self.planes
         geometry = planes["range"] + planes["mask"] + planes["keep"]
-        other = self.total - geometry - planes["intensity"] - planes["azimuth"] - planes["side"] - planes["planes"]
+        other = self.total - geometry - planes["intensity"] - planes["azimuth"] - planes["side"]
+        other -= 0 if geometry else planes["planes"]
         sizes = {
             "range": planes["range"],
             "mask": planes["mask"],
@@ -154,9 +174,12 @@ class Sizes:
             "side": planes["side"],
             "header": other,
             "total": self.total,
-            **({"planes": planes["planes"]} if planes["planes"] else {}),
+            **({"planes": planes["planes"]} if planes["planes"] and not geometry else {}),
         }
-        return {name: round(size * 8 / points, 6) if points else None for name, size in sizes.items()}
+        bits = {name: round(size * 8 / points, 6) if points else None for name, size in sizes.items()}
+        if planes["planes"] and not geometry:
+            bits |= dict.fromkeys(("range", "mask", "geometry", "intensity"))
+        return bits
 
 
 def times_ms(seconds: list[float]) -> dict[str, float | None]:

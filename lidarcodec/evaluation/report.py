@@ -63,6 +63,7 @@ COLUMNS: dict[str, Callable[[Result], str]] = {
     "intensity": lambda r: number(r["bits_per_point"]["intensity"], 2),
     "azimuth": lambda r: number(r["bits_per_point"]["azimuth"], 2),
     "side": lambda r: number(r["bits_per_point"]["side"], 2),
+    "images": lambda r: number(r["bits_per_point"].get("planes"), 2),
     "header": lambda r: number(r["bits_per_point"]["header"], 3),
     "total": lambda r: number(r["bits_per_point"]["total"], 2),
     "ratio": lambda r: number(r["ratio"], 2),
@@ -87,6 +88,8 @@ def text_table(results: Sequence[Result]) -> str:
         head += f" (zstd -3 of the messages: {number(zstd, 2)})"
     reduced = any(result["settings"].get("reduction", AUTO) not in (AUTO, "all") for result in results)
     shown = COLUMNS | (_reduced_columns() if reduced else {}) | (_more_columns() if "chamfer_m" in first else {})
+    if not any("planes" in result["bits_per_point"] for result in results):
+        shown = {name: cell for name, cell in shown.items() if name != "images"}
     rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]
     return "\n".join([head, *aligned(rows)])
 

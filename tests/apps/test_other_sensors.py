@@ -110,7 +110,7 @@ def test_settings_that_such_a_sensor_cannot_have_are_refused_by_name(data_file):
         assert "HDL-64E" in the_one_line(told)
     network = MemoryNetwork()
     with open_source(path) as source, Publisher(source, transport=network.transport()) as car:
-        for changes in ({"codec": "jpeg"}, {"reduction": "poconet"}, {"codec": "riddle"}):
+        for changes in ({"codec": "jpeg"}, {"reduction": "poconet"}, {"codec": "h264"}):
             with pytest.raises(SettingsError, match=r"only .*an HDL-64E"):
                 car.change(**changes)
         assert car.settings.codec == "pcodec"

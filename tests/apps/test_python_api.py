@@ -15,7 +15,8 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))
-def test_the_example_runs(number, monkeypatch, capsys):
+def test_the_example_runs(number, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", str(free_port()))
     code = EXAMPLES[number]
     exec(compile(code, f"docs/python-api.md, example {number + 1}", "exec"), {"__name__": "__main__"})

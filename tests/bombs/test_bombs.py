@@ -18,6 +18,7 @@ OWN_FILES = {
     "lidarcodec/sensors/generic.py": "tables of the package",
     "lidarcodec/reduction/score_network.py": "weights of the package",
     "lidarcodec/ratecontrol/curve.py": "figures of the package",
+    "lidarcodec/ratecontrol/image_curve.py": "figures of the package",
     "lidarcodec/commands/info/about.py": "/proc",
     "lidarcodec/transport/late_threads.py": "/proc",
     "lidarcodec/commands/join/captures.py": "as long as what it is compared with",

@@ -208,8 +208,8 @@ def test_a_decoder_written_from_the_page_gives_the_same_planes(quick, step, seed
     shape = planes["range"].shape
     shift = rng.integers(-50, 50, shape[0]).astype(np.int32)
     data = check(planes, forms, shift, step, quick=quick)
-    ordered = plane_coder._in_order(forms)
-    table = [reference.Form(*map(int, row)) for row in plane_coder._table(ordered)]
+    ordered = plane_coder.in_order(forms)
+    table = [reference.Form(*map(int, row)) for row in plane_coder.form_table(ordered)]
     if seed < 2:
         heads, _ = reference.read_heads(data, table)
         assert {head.way for head in heads} == {0, 1, 2, 3}

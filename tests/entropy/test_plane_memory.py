@@ -37,8 +37,8 @@ def again(planes: Planes, rng: np.random.Generator) -> Planes:
 def test_a_decoder_written_from_the_page_gives_the_same_frames(step: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     forms, planes = every_way(rng) if seed < 2 else (DUAL, noise(DUAL, (4, 21), rng))
-    ordered = plane_coder._in_order(forms)
-    table = [reference.Form(*map(int, row)) for row in plane_coder._table(ordered)]
+    ordered = plane_coder.in_order(forms)
+    table = [reference.Form(*map(int, row)) for row in plane_coder.form_table(ordered)]
     there, back, by_page = PlaneMemory(), PlaneMemory(), reference.Memory()
     before = 0
     for number in range(4):

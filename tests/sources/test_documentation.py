@@ -17,6 +17,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "sources.md"
 ROWS = {
     "capture": "capture",
     "udp": "live sensor",
+    "ros2": "topic of ROS 2",
     "folder": "KITTI",
     "recording": "recording",
     "rosbag": "rosbag2",

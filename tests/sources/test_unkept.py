@@ -23,6 +23,7 @@ NOTICED = {
     "repeated packets",
     "time jumps",
     "impossible time stamp",
+    "no clouds",
     "without time stamp",
 }
 """Counts of what was kept, and of what was noticed or lost before it came here, which is said elsewhere."""

@@ -200,8 +200,8 @@ PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside
   const auto step = static_cast<std::uint32_t>(reader.number(kMostStep, 1));
   const std::size_t count = reader.number(kMostFramePlanes, 1);
   if (kind > kFollowing) damaged("planes of unknown kind " + std::to_string(kind));
-  if (kind == kFollowing && memory == nullptr)
-    damaged("planes that follow others, of a codec whose frames stand alone");
+  PlaneMemory alone;
+  if (memory == nullptr) memory = &alone;
   if (section.rows > kMostRows || columns > kMostColumns || section.rows * columns * count > kMostNumbers)
     damaged(std::to_string(count) + " planes of " + std::to_string(section.rows) + " x " + std::to_string(columns) +
             ": the limit is " + std::to_string(kMostNumbers) + " numbers in a frame");
