@@ -25,8 +25,8 @@ CHAPTERS = {
     text.partition("\n")[0]: text.partition("\n")[2]
     for text in re.split(r"^## (?=An? )", PAGE, flags=re.MULTILINE)[1:]
 }  # fmt: skip
-COPIED = ("lidarcodec", "server", "tests", "benchmarks", "docs", "tools", "research", "clients")
-FILES = ("pyproject.toml", "README.md", "CHANGELOG.md", "SECURITY.md", "Makefile", "mkdocs.yml")
+COPIED = ("lidarcodec", "server", "tests", "benchmarks", "docs", "tools", "research", "clients", "native")
+FILES = (".clang-format", "pyproject.toml", "README.md", "CHANGELOG.md", "SECURITY.md", "Makefile", "mkdocs.yml")
 LEFT_OUT = shutil.ignore_patterns("node_modules", "__pycache__", "history", "*.jpg", "*.png")
 HERE = """
 import os, runpy, sys
@@ -113,7 +113,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 write(folder, kind, path, text)
             elif text.startswith("cp "):
                 shutil.copy(*(folder / word for word in shlex.split(text)[1:]))
-    run(folder, "runpy.run_path(sys.argv[0], run_name='__main__')", "tools/tables.py")
+    for tool in ("tools/tables.py", "tools/sensor_tables.py"):
+        run(folder, "runpy.run_path(sys.argv[0], run_name='__main__')", tool)
     return folder
 
 
