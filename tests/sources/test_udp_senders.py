@@ -132,6 +132,18 @@ def test_a_sensor_that_fell_silent_is_replaced_and_one_that_pauses_is_not():
     assert stream.judge.reason == SenderReason.SILENT
 
 
+@pytest.mark.parametrize("first", [sensor, lambda n: vlp16(n, SENSOR)], ids=["hdl64e", "vlp16"])
+def test_a_pause_that_begins_anywhere_in_a_window_gives_no_place_to_another(first):
+    """The few packets before a pause are no evidence against their sender; the warning would name a false reason."""
+    for part in range(12):
+        stream = Stream(shapes=list(shapes()))
+        stream.run(0.5 + part * 0.01, first)
+        stream.run(0.95, lambda n: sensor(n, STRANGER))
+        assert (stream.chosen, stream.judge.changes) == (SENSOR, 0), part
+        stream.run(0.2, lambda n: sensor(n, STRANGER))
+        assert (stream.chosen, stream.judge.reason) == (STRANGER, SenderReason.SILENT), part
+
+
 def test_noise_does_not_take_the_place_of_a_silent_sensor():
     stream, noise = Stream(), random.Random(2)
     stream.run(0.5, sensor)

@@ -228,8 +228,9 @@ bool SenderJudge::beats_chosen(const Sender& sender, std::int64_t now_ns) {
     choose(sender, silent ? SenderReason::Silent : SenderReason::Implausible, now_ns);
     return true;
   }
-  // Of whole windows only, the last one behind the choice, for bursts prove nothing; and a short pause is no reason.
-  if (holder->last.packets == 0) return false;
+  // Of whole windows only, the last one behind the choice, for bursts prove nothing; and a short pause is no reason,
+  // nor are the few packets of the window in which it began.
+  if (holder->last.packets == 0 || now_ns - holder->heard_ns >= kPauseNs) return false;
   const std::uint32_t theirs = score(sender.last, 1);
   if (now_ns - chosen_ns_ < 2 * kWindowNs || theirs < kRival || theirs < kClearly * score(holder->last, 1))
     return false;

@@ -13,13 +13,14 @@ constexpr std::size_t kMaxSenders = 64;             // told apart; the one with 
 constexpr std::int64_t kWindowNs = 100'000'000;     // evidence is counted in windows of this length
 constexpr std::int64_t kDecideNs = 2 * kWindowNs;   // from the first packet to a choice, however little was seen
 constexpr std::int64_t kSilenceNs = 1'000'000'000;  // a sensor that sends nothing for so long may be replaced
-constexpr std::uint32_t kProof = 32;                // packets that hang together: 9 ms of an HDL-64E
-constexpr std::uint32_t kRival = 64;                // such packets in a window that make a sender a rival
-constexpr std::uint32_t kFull = 300;                // more than these in a window prove nothing more (a sensor: 347)
-constexpr std::uint32_t kMost = 1200;        // packets in a window beyond which this is no HDL-64E (dual return: 579)
-constexpr std::uint32_t kMostShaped = 2500;  // and no other sensor (a VLS-128 with two returns: 1250)
-constexpr std::uint32_t kFew = 16;           // such packets of another sensor in a window: the slowest sends 32
-constexpr std::uint32_t kClearly = 4;        // times as much evidence as the other
+constexpr std::int64_t kPauseNs = 20'000'000;  // longer than any sensor takes from packet to packet (the slowest: 3 ms)
+constexpr std::uint32_t kProof = 32;           // packets that hang together: 9 ms of an HDL-64E
+constexpr std::uint32_t kRival = 64;           // such packets in a window that make a sender a rival
+constexpr std::uint32_t kFull = 300;           // more than these in a window prove nothing more (a sensor: 347)
+constexpr std::uint32_t kMost = 1200;          // packets in a window beyond which this is no HDL-64E (dual return: 579)
+constexpr std::uint32_t kMostShaped = 2500;    // and no other sensor (a VLS-128 with two returns: 1250)
+constexpr std::uint32_t kFew = 16;             // such packets of another sensor in a window: the slowest sends 32
+constexpr std::uint32_t kClearly = 4;          // times as much evidence as the other
 
 // An IP address of 4 or 16 bytes, and a port.
 struct SenderAddress {
