@@ -164,32 +164,34 @@ class Service:
 
     def _open(self) -> None:
         while not self._stop.is_set():
-            try:
-                self._join_network()
-            except BaseException as error:  # a panic of native code is not an Exception
-                failure = told(error)
-                if not self._stop.is_set():
-                    logger.warning("cannot join the network: %s", failure)
-                if not self._started:  # then `start` raises it
-                    self._failure = failure
+            with ExitStack() as undone:
+                try:
+                    self._join_network(undone)
+                except BaseException as error:  # a panic of native code is not an Exception
+                    failure = told(error)
+                    if not self._stop.is_set():
+                        logger.warning("cannot join the network: %s", failure)
+                    if not self._started:  # then `start` raises it, while what was opened is closed here
+                        self._failure = failure
+                        self._opened.set()
+                        return
+                else:
+                    undone.pop_all()
                     break
-                self._stop.wait(RETRY_S)
-            else:
-                break
+            self._stop.wait(RETRY_S)
         self._opened.set()
 
-    def _join_network(self) -> None:
-        with ExitStack() as undone:
-            transport = self._given
-            if transport is None:
-                transport = open_transport(self.config.endpoints, stop=self._stop)
-                undone.callback(transport.close)
-            for one in (
-                transport.watch(f"{PREFIX}/*/*/alive", self._publisher_changed),
-                transport.listen(f"{PREFIX}/*/*/status", self._status_came),
-            ):
-                self.closing.callback(one.close)
-            undone.pop_all()
+    def _join_network(self, undone: ExitStack) -> None:
+        """Open the session. undone: gets what must be closed if this fails"""
+        transport = self._given
+        if transport is None:
+            transport = open_transport(self.config.endpoints, stop=self._stop)
+            undone.callback(transport.close)
+        for one in (
+            transport.watch(f"{PREFIX}/*/*/alive", self._publisher_changed),
+            transport.listen(f"{PREFIX}/*/*/status", self._status_came),
+        ):
+            self.closing.callback(one.close)
         self._transport = transport
 
     def _publisher_changed(self, key: str, alive: bool) -> None:

@@ -50,9 +50,7 @@ def test_a_command_without_threads_fails_or_does_its_work(
     except subprocess.TimeoutExpired:  # it waits for a stream or for requests: it got the threads that it needs
         process.terminate()
         out, complaint = process.communicate(timeout=ENDS_WITHIN_S)
-        told = [line for line in complaint.splitlines() if "can't" in line]
-        # A server goes on without the network, says so, and tries again; other commands got what they need.
-        assert not told or (words[0] == "serve" and any("cannot join the network" in line for line in told)), told
+        assert "can't" not in complaint
         assert "panicked" not in complaint
         return
     finally:
