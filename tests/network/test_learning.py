@@ -23,6 +23,7 @@ from lidarcodec.network.shelf import native_nets, shipped, weights_of
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
+from tests.network.test_update import FINENESS, near
 
 STEPS = 60
 KEYS = 6
@@ -167,6 +168,27 @@ def test_a_file_of_ones_own_goes_on_learning(drive: list[Frame], tmp_path: Path)
         reader = StreamDecoder()
         for message in messages[first:]:
             check(reader.decode(message), drive[message.frame_index])
+
+
+def test_an_update_needs_what_it_begins_with_and_many_updates_do_not_push_that_out(
+    drive: list[Frame], tmp_path: Path
+) -> None:
+    nets = [weights_of("").net(expects=expects, size=0) for expects in (False, True)]
+    (tmp_path / "own.lcrw").write_bytes(rf.pack_weights(nets, {}))
+    key = coded(drive[:1], settings(weights=str(tmp_path / "own.lcrw")))[0]
+    base = rf.unpack_weights(key.section(SectionType.WEIGHTS))
+    others = tuple(section for section in key.sections if section.type != SectionType.WEIGHTS)
+
+    def with_update(seed: int) -> Message:
+        update = riddle_update.update_of(base, [near(base.nets[0], seed)], FINENESS)
+        return replace(key, sections=(*others, Section(SectionType.WEIGHTS, update.data)))
+
+    with pytest.raises(MissingReferenceError, match=base.name):
+        StreamDecoder().decode(with_update(0))
+    reader = StreamDecoder()
+    check(reader.decode(key), drive[0])
+    for seed in range(9):
+        check(reader.decode(with_update(seed)), drive[0])
 
 
 def test_tiles_without_weights_stay_without(drive: list[Frame], tmp_path: Path) -> None:
