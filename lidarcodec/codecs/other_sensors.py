@@ -229,7 +229,6 @@ class PlaneDecoder:
         if message.has(SectionType.POSITION):
             coded = message.section(SectionType.POSITION)
             rest = rest.with_positions(decode_positions(coded, message.packets))
-        pose = _pose_of(message)
         if sensor.is_cloud:
             if message.packets != 1 or rest.layout or rest.odd_packets:
                 raise SectionError(f"a point cloud of {message.packets} packets, not of one message")
@@ -237,6 +236,7 @@ class PlaneDecoder:
             found = cloud_frame(
                 message.frame_index, message.stamp_ns, cloud.payload, sensor, rest.positions, cloud.grid
             )
+            pose = _pose_of(message)
             return found if pose is None else found.with_(pose=pose)
         planes = {}
         columns = lattice_of(message)
@@ -250,7 +250,7 @@ class PlaneDecoder:
         elif message.width or rest.layout:
             raise SectionError(f"a message of {message.width} columns without planes")
         frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
-        return frame.with_(pose=pose, lattice=columns)
+        return frame.with_(pose=_pose_of(message), lattice=columns)
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""

@@ -34,19 +34,18 @@ class Stream(NamedTuple):
 DUAL = ouster("RNG19_RFL8_SIG16_NIR16_DUAL", 32, "OS-0-32")
 DUAL_LAYOUT = "rng19_rfl8_sig16_nir16_dual"
 STREAMS = {
-    "other_raw_vlp16": Stream(block_sensor("vlp16"), "single", 2, {"codec": "raw"}),
-    "other_zstd_vlp16": Stream(block_sensor("vlp16"), "dual", 3, {"codec": "zstd"}),
-    "other_zstd_vls128": Stream(block_sensor("vls128"), "single", 3, {"codec": "zstd", "max_error_m": 0.02}),
-    "other_zstd_pandar64": Stream(block_sensor("pandar64"), "dual", 3, {"codec": "zstd", "intensity": "off"}),
-    "other_zstd_xt32": Stream(block_sensor("xt32"), "single", 2, {"codec": "zstd"}),
-    "other_pcodec_xt32": Stream(block_sensor("xt32"), "dual", 3, {"codec": "pcodec"}),
-    "other_riddle_xt32": Stream(block_sensor("xt32"), "dual", 3, {"codec": "riddle"}),
-    "other_predictive_vls128": Stream(block_sensor("vls128"), "dual", 4, {"codec": "predictive"}),
+    "other_raw_vlp16": Stream(block_sensor("vlp16"), "single", 1, {"codec": "raw"}),
+    "other_zstd_vlp16": Stream(block_sensor("vlp16"), "dual", 1, {"codec": "zstd"}),
+    "other_zstd_vls128": Stream(block_sensor("vls128"), "single", 1, {"codec": "zstd", "max_error_m": 0.02}),
+    "other_zstd_pandar64": Stream(block_sensor("pandar64"), "dual", 1, {"codec": "zstd", "intensity": "off"}),
+    "other_pcodec_xt32": Stream(block_sensor("xt32"), "dual", 1, {"codec": "pcodec"}),
+    "other_riddle_xt32": Stream(block_sensor("xt32"), "dual", 1, {"codec": "riddle"}),
+    "other_predictive_vls128": Stream(block_sensor("vls128"), "dual", 1, {"codec": "predictive"}),
     "other_zstd_os1-128": Stream(
         ouster("RNG15_RFL8_NIR8", 128, "OS-1-128"),
         "rng15_rfl8_nir8",
         1,
-        {"codec": "zstd", "reduction": "lattice:4", "intensity": "levels=16"},
+        {"codec": "zstd", "reduction": "lattice:8", "intensity": "levels=16"},
     ),
     "other_zstd_os0-32": Stream(DUAL, DUAL_LAYOUT, 1, {"codec": "zstd"}),
     "other_predictive_os0-32": Stream(
