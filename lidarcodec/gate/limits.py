@@ -29,7 +29,7 @@ class Limits:
                     already, and once for all others; failing_burst: how many at once
     pending:        connections without a session that are with Zenoh, of all addresses; its own limit is 100
     at_once:        handshakes of one address that are with Zenoh at a time
-    mutual:         whether Zenoh asks clients for a certificate; then whoever passes the handshake is known
+    mutual:         whether Zenoh asks clients for a certificate; then an address that passes the handshake is known
     known_s:        how long an address stays known after its last session began, or its last handshake if `mutual`
     """
 
