@@ -49,8 +49,8 @@ class Frame:
 
     index:     counts the frames of a stream from 0
     stamp_ns:  host time of the first packet, ns since the Unix epoch
-    range:     (H, W), steps of `sensor.range_step_m`, 0 = no return; row 0 is the highest beam. uint16 of an HDL-64E
-               (64 rows, steps of 2 mm), uint32 of other sensors
+    range:     (H, W) uint32, steps of `sensor.range_step_m`, 0 = no return; row 0 is the highest beam. uint16 is taken,
+               and widened
     intensity: (H, W) uint8, or uint16 of a sensor that sends more; may be non-zero where there is no return
     azimuth:   (2, W) uint16, 0.01 degree, 0..35999: of each column's upper and lower block (a half that was not fired
                repeats the other)
@@ -88,8 +88,16 @@ class Frame:
         hdl64e = self.sensor.is_hdl64e
         attribute = np.uint8 if hdl64e or self.intensity.dtype == np.uint8 else np.uint16
         image, halves = (rows, width), (2, width)
+        given = getattr(self.range, "dtype", None)
+        if given == np.uint16:
+            narrow = _read_only(self.range, "range", np.uint16, image)
+            if hdl64e:
+                self.__dict__["range_u16"] = narrow
+            object.__setattr__(self, "range", narrow.astype(np.uint32))
+        elif hdl64e and given == np.uint32 and self.range.max(initial=0) > 0xFFFF:
+            raise LidarCodecError(f"a range of an HDL-64E has 16 bits, and this is {self.range.max()}")
         wanted: dict[str, tuple[npt.DTypeLike, tuple[int, ...]]] = {
-            "range": (np.uint16 if hdl64e else np.uint32, image),
+            "range": (np.uint32, image),
             "intensity": (attribute, image),
             "azimuth": (np.uint16, halves),
             "fired": (np.bool_, halves),
@@ -121,6 +129,16 @@ class Frame:
         if isinstance(self.side, PacketRest):
             raise LidarCodecError(f"this takes only frames of an HDL-64E, not of a {self.sensor.name}")
         return self.side
+
+    @cached_property
+    def range_u16(self) -> npt.NDArray[np.uint16]:
+        """(H, W) uint16, the ranges of an HDL-64E, as its coders take them. Read-only.
+
+        Raises LidarCodecError for a frame of another sensor.
+        """
+        if not self.sensor.is_hdl64e:
+            raise LidarCodecError(f"this takes only frames of an HDL-64E, not of a {self.sensor.name}")
+        return _read_only(self.range.astype(np.uint16), "range", np.uint16, self.range.shape)
 
     @property
     def width(self) -> int:

@@ -42,9 +42,21 @@ def test_a_writable_view_is_copied_and_stays_writable() -> None:
 
 def test_an_array_that_owns_its_data_is_taken_over_and_becomes_read_only() -> None:
     own = np.full((64, WIDTH), 500, np.uint16)
-    assert np.shares_memory(made(range=own).range, own)
+    assert np.shares_memory(made(range=own).range_u16, own)
     with pytest.raises(ValueError, match="read-only"):
         own[0, 0] = 9
+
+
+def test_ranges_are_wide_for_every_sensor_and_those_of_an_hdl64e_have_16_bits() -> None:
+    for dtype in (np.uint16, np.uint32):
+        frame = made(range=np.full((64, WIDTH), 65535, dtype))
+        assert (frame.range.dtype, frame.range_u16.dtype) == (np.uint32, np.uint16)
+        assert (frame.range == 65535).all()
+        assert (frame.range_u16 == 65535).all()
+        assert not frame.range.flags.writeable
+        assert not frame.range_u16.flags.writeable
+    with pytest.raises(LidarCodecError, match="16 bits, and this is 65536"):
+        made(range=np.full((64, WIDTH), 65536, np.uint32))
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def packets_of(frame: Frame) -> list[Packet]:
     frame = measured_only(frame)
     if isinstance(side, PacketRest):
         return _with_positions(payloads_of(frame), side.packet_ns, side.positions, frame.stamp_ns)
-    range_, intensity = frame.range, frame.intensity
+    range_, intensity = frame.range_u16, frame.intensity
     if frame.keep is not None:
         range_ = np.where(frame.keep, range_, np.uint16(0))
         intensity = np.where(frame.keep, intensity, np.uint8(0))

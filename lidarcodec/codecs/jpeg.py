@@ -32,7 +32,7 @@ def code_ranges(frame: Frame, settings: InForce[JpegSettings]) -> bytes:
     if not valid.any():
         return b""
     head, canvas = canvas_of_frame(frame, valid, BLOCK)
-    values = np.where(valid, frame.range + level_offsets(frame.sensor)[:, None], np.int32(0)).astype(np.int32)
+    values = np.where(valid, frame.range_u16 + level_offsets(frame.sensor)[:, None], np.int32(0)).astype(np.int32)
     samples, jpeg = with_samples(settings.own, canvas.spread(values), canvas.spread(valid))
     return samples + head + jpeg
 

@@ -170,7 +170,9 @@ class LayeredEncoder:
         known = layers.spread([member.valid for member in members]) if layers.samples else np.zeros((0, 0), np.bool_)
         if not known.any():
             return lambda _: head
-        values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members]).astype(np.int32)
+        values = layers.spread([np.where(member.valid, member.frame.range_u16, 0) for member in members]).astype(
+            np.int32
+        )
 
         def code(settings: StreamSettings) -> bytes:
             own = InForce.of(LayeredSettings, settings, in_force).own

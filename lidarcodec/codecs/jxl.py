@@ -48,7 +48,7 @@ def code_ranges(frame: Frame, settings: InForce[JxlSettings]) -> bytes:
     if not frame.valid.any():
         return with_step(step, b"")
     head, canvas = canvas_of_frame(frame, frame.valid)
-    levelled = quantise(frame.range, step) + _indices_added(frame.sensor, step)
+    levelled = quantise(frame.range_u16, step) + _indices_added(frame.sensor, step)
     filled = filled_predicted(canvas.spread(levelled), canvas.spread(frame.valid))
     return with_step(step, head + write_jxl(filled, settings.own.effort))
 

@@ -63,7 +63,7 @@ def compress_groups(values: Ranges, level: int) -> bytes:
 def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:
     """The RANGE section of a frame."""
     step = settings.stream.step
-    returns = quantise(frame.range[frame.valid], step)
+    returns = quantise(frame.range_u16[frame.valid], step)
     return with_step(step, compress_groups(returns, settings.own.level) if len(returns) else b"")
 
 

@@ -112,7 +112,7 @@ def code_ranges(frame: Frame, settings: InForce[PngSettings]) -> bytes:
     step = settings.stream.step
     if not frame.valid.any():
         return with_step(step, b"")
-    filled = filled_left(quantise(frame.range, step), frame.valid)
+    filled = filled_left(quantise(frame.range_u16, step), frame.valid)
     return with_step(step, write_png(filled, settings.own.level))
 
 

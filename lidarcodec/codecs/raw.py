@@ -93,7 +93,7 @@ class RawContent:
         valid, quality = frame.valid, Quality.of(self._settings.stream)
         halves = frame.fired[0] | frame.fired[1] << np.uint8(1)
         sections = [
-            Section(SectionType.RANGE, np.where(valid, frame.range, np.uint16(0)).astype("<u2").tobytes()),
+            Section(SectionType.RANGE, np.where(valid, frame.range_u16, np.uint16(0)).astype("<u2").tobytes()),
             Section(SectionType.AZIMUTH, frame.azimuth.astype("<u2").tobytes() + halves.tobytes()),
         ]
         if quality.levels:

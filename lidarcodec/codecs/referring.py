@@ -97,7 +97,7 @@ def coded_ranges(
     """
     free = np.zeros(frame.range.shape, np.uint16) if settings.is_free else None
     coded = coder.encode(
-        frame.range,
+        frame.range_u16,
         frame.valid,
         frame.fired,
         frame.sensor,
@@ -174,7 +174,7 @@ class ReferenceTracker:
             self._sent.forget_edge()
             if self._finder is None:
                 return
-        sent = as_decoded(frame.range, frame.valid, step, level_offsets(frame.sensor)) if free is None else free
+        sent = as_decoded(frame.range_u16, frame.valid, step, level_offsets(frame.sensor)) if free is None else free
         if reference.edge is not None:
             self._sent.remember_edge(sent, frame.azimuth, frame.fired, reference.expected)
         if self._finder is not None:

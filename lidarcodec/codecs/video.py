@@ -121,7 +121,7 @@ class VideoContent:
     def _picture(self, frame: Frame, valid: Mask, key: bool) -> tuple[bytes, int | None]:
         """The RANGE section, and the index of the frame that it refers to."""
         offsets = level_offsets(frame.sensor)
-        values = (frame.range + offsets[:, None])[valid]
+        values = (frame.range_u16 + offsets[:, None])[valid]
         writer, stream = self._writer_for(frame, int(values.max()), key)
         idr, needs = (key or self._written is None), self._written
         mapped = mapping_of(stream.mapping, stream.bits, stream.top).sample[values]

@@ -38,7 +38,9 @@ def folded_differences(values: Ranges) -> bytes:
 def code_ranges(frame: Frame, settings: InForce[ZstdSettings]) -> bytes:
     """The RANGE section of a frame."""
     step = settings.stream.step
-    return with_step(step, compress(folded_differences(quantise(frame.range[frame.valid], step)), settings.own.level))
+    return with_step(
+        step, compress(folded_differences(quantise(frame.range_u16[frame.valid], step)), settings.own.level)
+    )
 
 
 CODEC = Codec(

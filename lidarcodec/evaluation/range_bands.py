@@ -31,7 +31,7 @@ class RangeBands:
         edges = np.round(np.array(EDGES_M[1:-1]) / RANGE_STEP_M).astype(np.int64)
         self._band_of = np.searchsorted(edges, np.arange(_VALUES), side="right").astype(np.uint8)
 
-    def add(self, original: npt.NDArray[np.uint16], decoded: npt.NDArray[np.uint16]) -> None:
+    def add(self, original: npt.NDArray[np.unsignedinteger], decoded: npt.NDArray[np.unsignedinteger]) -> None:
         """Count the errors of two range images of one shape, where both have a return; 0 = no return."""
         both = (original > 0) & (decoded > 0)
         was = original[both]

@@ -67,8 +67,8 @@ class _Seen(NamedTuple):
     @classmethod
     def of(cls, frames: list[Frame]) -> _Seen:
         if len(frames) == 1:
-            return cls(frames[0].range, frames[0].azimuth, frames[0].fired, frames[0].sensor)
-        ranges, azimuth, fired = ([frame.range for frame in frames], [frame.azimuth for frame in frames],
+            return cls(frames[0].range_u16, frames[0].azimuth, frames[0].fired, frames[0].sensor)
+        ranges, azimuth, fired = ([frame.range_u16 for frame in frames], [frame.azimuth for frame in frames],
                                   [frame.fired for frame in frames])  # fmt: skip
         return cls(np.hstack(ranges), np.hstack(azimuth), np.hstack(fired), frames[-1].sensor)
 
@@ -94,7 +94,7 @@ class MotionFinder:
     def next(self, frame: Frame, history: RangeHistory) -> FoundMotion:
         """The motion for coding this frame.
 
-        history: earlier sent ranges; frame.range: the original ranges
+        history: earlier sent ranges; frame.range_u16: the original ranges
         """
         sweep = swept(frame.azimuth)
         posed = self._from_poses(frame)
@@ -138,7 +138,7 @@ class MotionFinder:
         while turned > AZIMUTH_TURN:
             old, each = self._gathered.popleft()
             turned -= each
-            self._older.remember(old.range, old.azimuth, old.fired, old.sensor)
+            self._older.remember(old.range_u16, old.azimuth, old.fired, old.sensor)
         self._unregistered += advanced
         if self._unregistered >= _HALF and turned > AZIMUTH_TURN * 3 // 4:
             self._unregistered = 0

@@ -101,7 +101,7 @@ class Odometry:
             before = None
         bare = frame if frame.pose is None else frame.with_(pose=None)
         found = self._finder.next(bare, self._history)
-        self._history.remember(frame.range, frame.azimuth, frame.fired, frame.sensor)
+        self._history.remember(frame.range_u16, frame.azimuth, frame.fired, frame.sensor)
         self._remembers = True
         if found.origin == "found":
             self._found_ns = frame.stamp_ns

@@ -48,7 +48,7 @@ def returns_of(frame: Frame) -> Returns:
     if not frame.sensor.is_hdl64e:
         cells = np.flatnonzero(frame.valid).astype(np.uint32)
         return Returns(points_of(frame, cells, LENGTHS_PER_M), cells)
-    ranges = frame.range if frame.keep is None else np.where(frame.keep, frame.range, np.uint16(0))
+    ranges = frame.range_u16 if frame.keep is None else np.where(frame.keep, frame.range_u16, np.uint16(0))
     rows = beam_rows(frame.sensor)
     return Returns(*_native.returns_of(ranges, frame.azimuth, frame.fired.view(np.uint8), rows))
 

@@ -36,7 +36,7 @@ def identity(source: PacketSource, spec: str) -> str:
     found, parsed = hashlib.sha256(source.sensor.hash.encode()), parse(spec)
     if parsed.scheme:
         for frame in islice(read_frames(source), 1):
-            found.update(frame.range.tobytes() + frame.intensity.tobytes())
+            found.update(frame.range_u16.tobytes() + frame.intensity.tobytes())
     elif parsed.path.is_file():
         try:
             with open_regular(parsed.path) as file:

@@ -48,7 +48,7 @@ def scans_of(frames: Iterable[Frame]) -> Iterator[Scan]:
             before = None
             continue
         found = finder.next(frame, seen)
-        seen.remember(frame.range, frame.azimuth, frame.fired, frame.sensor)
+        seen.remember(frame.range_u16, frame.azimuth, frame.fired, frame.sensor)
         known = before is not None and found.origin in ("found", "poses")
         yield Scan(frame, before, found.motion) if known else Scan(frame)
         before = frame

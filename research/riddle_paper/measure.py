@@ -143,7 +143,7 @@ def ours(scans: Sequence[Scan], step: int) -> dict[str, dict[str, Any]]:
     masks = {"mask": 0.0, "mask, scan before": 0.0}
     for scan in scans:
         frame, levels = scan.frame, level_offsets(scan.frame.sensor)
-        given = (frame.range, frame.valid, frame.fired, frame.sensor, step, levels)
+        given = (frame.range_u16, frame.valid, frame.fired, frame.sensor, step, levels)
         size = len(entropy.PredictiveCoder().encode(*given))
         alone.returns, alone.bits = alone.returns + frame.points, {"range": alone.bits.get("range", 0) + 8 * size}
         masks["mask"] += 8 * len(entropy.encode_mask(frame.valid, frame.fired, frame.sensor))
@@ -151,7 +151,7 @@ def ours(scans: Sequence[Scan], step: int) -> dict[str, dict[str, Any]]:
             continue
         before = scan.earlier
         coder, seen = entropy.PredictiveCoder(), RangeHistory()
-        coder.encode(before.range, before.valid, before.fired, before.sensor, step, levels)
+        coder.encode(before.range_u16, before.valid, before.fired, before.sensor, step, levels)
         seen.remember(ranges_of(image_of(before, step), before), before.azimuth, before.fired, before.sensor)
         expected = seen.expected(scan.motion, frame.azimuth, frame.fired, frame.sensor)
         size = len(coder.encode(*given, expected=expected))

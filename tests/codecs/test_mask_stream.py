@@ -175,7 +175,7 @@ def test_real_frames_cost_less_than_masks_coded_with_the_one_before(data_file):
             stream += len(data)
             single += len(encode_mask(frame.valid, frame.fired, frame.sensor, before))
         before = frame.valid
-        history.remember(frame.range, frame.azimuth, frame.fired, frame.sensor)
+        history.remember(frame.range_u16, frame.azimuth, frame.fired, frame.sensor)
     assert stream < 0.93 * single
 
 

@@ -151,5 +151,5 @@ def test_a_stream_that_never_turns_does_not_pile_up_slabs() -> None:
     slab = frames.scene(10)
     still = np.zeros_like(slab.azimuth)
     for _ in range(200):
-        history.remember(slab.range, still, slab.fired, slab.sensor, slab=True)
+        history.remember(slab.range_u16, still, slab.fired, slab.sensor, slab=True)
     assert len(history._waiting) < 20

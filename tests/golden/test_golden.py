@@ -187,7 +187,7 @@ def digest(frame: Frame) -> str:
     parts = [
         f"{frame.index} {frame.stamp_ns} {frame.sensor.hash} {frame.sensor.convention} {frame.sensor.range_step_m}"
     ]
-    arrays = [frame.range, frame.intensity, frame.azimuth, frame.fired]
+    arrays = [frame.range_u16 if frame.sensor.is_hdl64e else frame.range, frame.intensity, frame.azimuth, frame.fired]
     if frame.side is not None:
         side = frame.side
         arrays += [side.packet_ns, side.gps_us, side.status, side.layouts[side.layout], side.irregular, side.second]

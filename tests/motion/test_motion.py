@@ -97,7 +97,7 @@ def test_slabs_go_on_with_the_motion_of_the_last_turn() -> None:
             part = np.ascontiguousarray(AZIMUTHS[:, at : at + 215])
             frame = frame_of(model, scene(model, part, driven[turn]), part, index=turn * 10 + at // 215)
             found = finder.next(frame, history)
-            history.remember(frame.range, frame.azimuth, frame.fired, model)
+            history.remember(frame.range_u16, frame.azimuth, frame.fired, model)
             origins.append(found.origin)
             shifts.append(found.motion.matrix[0, 3])
     assert set(origins[:10]) == {"still"}
@@ -131,7 +131,7 @@ def test_a_lost_scene_keeps_the_motion_and_then_stands() -> None:
     for index in range(2):
         frame = frame_of(model, scene(model, AZIMUTHS, 0.5 * index), AZIMUTHS, index=index)
         found = finder.next(frame, history)
-        history.remember(frame.range, frame.azimuth, frame.fired, model)
+        history.remember(frame.range_u16, frame.azimuth, frame.fired, model)
     assert found.origin == "found"
     origins = []
     for index in range(2, 16):
@@ -150,8 +150,8 @@ def test_a_stream_that_begins_at_speed_finds_its_motion_at_once(data_file) -> No
         given = list(islice(frames_of(source.packets(), source.sensor), 30, 42))
     for before, frame in pairwise(given):
         history = RangeHistory()
-        history.remember(before.range, before.azimuth, before.fired, before.sensor)
-        seen = (frame.range, frame.azimuth, frame.fired.view(np.uint8), beam_rows(frame.sensor))
+        history.remember(before.range_u16, before.azimuth, before.fired, before.sensor)
+        seen = (frame.range_u16, frame.azimuth, frame.fired.view(np.uint8), beam_rows(frame.sensor))
         first, found, _, _, iterations, _ = history.native.find_motion(*seen, STILL.numbers)
         again = history.native.find_motion(*seen, first)[0]
         assert found

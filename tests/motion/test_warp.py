@@ -218,7 +218,7 @@ def test_a_sensor_whose_blocks_fire_apart(data_file) -> None:
             expected = history.expected(STILL, frame.azimuth, frame.fired, model)
             both = (expected > 0) & (frame.range > 0)
             off.append(np.abs(expected.astype(np.int64) - frame.range)[both])
-        history.remember(frame.range, frame.azimuth, frame.fired, model)
+        history.remember(frame.range_u16, frame.azimuth, frame.fired, model)
     assert sum(map(len, off)) > 3000
     assert np.median(np.concatenate(off)) < 25
 

@@ -148,11 +148,11 @@ def test_a_frame_that_was_not_thinned_costs_no_byte_more_for_the_marks(frame):
 def test_an_original_is_sent_beside_its_frame_or_not_at_all(frame):
     wanted = CloudOptions.of({"form": "range", "attributes": "original,intensity"}).encoding
     coarse = frame.with_(range=(frame.range // 8 * 8).astype(np.uint16))
-    head, arrays = CLIENT.read_message(packed(coarse, FACTS, wanted, frame.range))
+    head, arrays = CLIENT.read_message(packed(coarse, FACTS, wanted, frame.range_u16))
     assert head["flags"] == 1 | 16
     assert np.array_equal(arrays["range"], coarse.range.ravel())
     assert np.array_equal(arrays["original"], frame.range.ravel())
-    for missing in (None, frame.range[:, 1:]):
+    for missing in (None, frame.range_u16[:, 1:]):
         head, arrays = CLIENT.read_message(packed(coarse, FACTS, wanted, missing))
         assert head["flags"] == 1
         assert "original" not in arrays

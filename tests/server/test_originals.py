@@ -36,7 +36,7 @@ def nobody_watches(server):
 @pytest.fixture(scope="module")
 def world():
     source = Loop(1)
-    return next(frames_of(source.packets(), source.sensor)).range
+    return next(frames_of(source.packets(), source.sensor)).range_u16
 
 
 def comparing() -> bool:

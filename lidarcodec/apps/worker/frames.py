@@ -95,7 +95,7 @@ class FrameWriter:
                 raise SectionError(f"the sensor's name has {len(name)} bytes: at most 255 are allowed")
             at = _CONVENTIONS.index(sensor.convention), _ORIGINS.index(sensor.origin)
             parts += [_SENSOR.pack(*at, len(name), sensor.range_step_m), name, _bytes_of(sensor.calibration.table)]
-        arrays: list[npt.NDArray[Any]] = [frame.range, frame.intensity, frame.azimuth, frame.fired]
+        arrays: list[npt.NDArray[Any]] = [frame.range_u16, frame.intensity, frame.azimuth, frame.fired]
         arrays += [array for array in (frame.keep, frame.pose) if array is not None]
         arrays += [] if side is None else [getattr(side, name) for name in _SIDE]
         self._last_sensor = told

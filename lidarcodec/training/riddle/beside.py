@@ -49,7 +49,7 @@ class BesideSamples:
             found[False] += self._coded(frame, None)
             if expected is not None:
                 found[True] += self._coded(frame, expected)
-            sent = as_decoded(frame.range, frame.valid, self._step, level_offsets(frame.sensor))
+            sent = as_decoded(frame.range_u16, frame.valid, self._step, level_offsets(frame.sensor))
             self._history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
             self._seen += 1
         return joined(found[False], expects=False), joined(found[True], expects=True)
@@ -58,7 +58,7 @@ class BesideSamples:
         warm = expected is None or self._seen >= _WARM
         kept = ReturnSamples(self._rows / max(1, frame.points) if warm else 0, int(self._rng.integers(1 << 32)))
         self._coders[expected is not None].encode(
-            frame.range, frame.valid, frame.fired, frame.sensor, self._step, level_offsets(frame.sensor),
+            frame.range_u16, frame.valid, frame.fired, frame.sensor, self._step, level_offsets(frame.sensor),
             turn=columns_in_turn(frame.azimuth) if frame.fired.all() else None,
             firing=self._firings.columns_before(frame), expected=expected, samples=kept,
         )  # fmt: skip

@@ -37,7 +37,7 @@ def extracted(
     turn = columns_in_turn(frame.azimuth) if frame.fired.all() else None
     share = min(_WHOLE_SHARE, -(-rows * _WHOLE_SHARE // max(1, int(np.count_nonzero(frame.valid)))))
     inputs, leaves, bits = _native.riddle_samples(
-        frame.range,
+        frame.range_u16,
         np.ascontiguousarray(frame.valid).view(np.uint8),
         step,
         level_offsets(frame.sensor),

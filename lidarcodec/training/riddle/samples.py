@@ -84,7 +84,7 @@ def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Gen
             if number >= _WARM:
                 expected = history.expected(motion, frame.azimuth, frame.fired, frame.sensor)
                 expecting.append(extracted(frame, step, expected, rows, rng))
-            sent = as_decoded(frame.range, frame.valid, step, level_offsets(frame.sensor))
+            sent = as_decoded(frame.range_u16, frame.valid, step, level_offsets(frame.sensor))
             history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
     return joined(alone, expects=False), joined(expecting, expects=True)
 

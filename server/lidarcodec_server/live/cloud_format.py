@@ -73,7 +73,7 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
     arrays: list[npt.NDArray[Any]] = [np.rint(axis / np.float32(step_m)).astype("<i2") for axis in axes]
     images: dict[str, npt.NDArray[Any]] = {
         "intensity": frame.intensity,
-        "range": frame.range,
+        "range": frame.range_u16,
         "filled": _made_up(frame),
     }
     for name in encoding.attributes:
@@ -119,12 +119,8 @@ def _measured(frame: Frame) -> int:
 
 def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None) -> bytes:
     valid = frame.valid
-    if not frame.sensor.is_hdl64e:
-        ranges = shown_ranges(frame)
-    else:
-        ranges = frame.range if frame.keep is None else np.where(valid, frame.range, 0).astype(np.uint16)
     returns = int(np.count_nonzero(valid))
-    arrays: list[npt.NDArray[Any]] = [ranges, frame.azimuth]
+    arrays: list[npt.NDArray[Any]] = [shown_ranges(frame), frame.azimuth]
     if "intensity" in encoding.attributes:
         arrays.append(_bytes_of(frame.intensity))
     if "original" in encoding.attributes:
@@ -134,7 +130,7 @@ def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Range
             arrays.append(original)
     if "filled" in encoding.attributes:
         arrays.append(_made_up(frame))
-    step_m = frame.sensor.range_step_m * (1 if frame.sensor.is_hdl64e else shown_step(frame))
+    step_m = frame.sensor.range_step_m * shown_step(frame)
     return _message(frame, facts, encoding, returns, False, step_m, arrays)
 
 

@@ -18,6 +18,7 @@ from lidarcodec.transport.base import Inbox
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import unpack
 from lidarcodec_server.live.cloud_format import Ranges
+from lidarcodec_server.live.ring_geometry import shown_ranges
 
 logger = logging.getLogger(__name__)
 
@@ -88,6 +89,6 @@ class Originals:
                     self._once.add("original_errors", error)
                     continue
                 for frame in frames:
-                    self._loop.call_soon_threadsafe(self._came, (message.stream_id, frame.index), frame.range)
+                    self._loop.call_soon_threadsafe(self._came, (message.stream_id, frame.index), shown_ranges(frame))
         except (LidarCodecError, RuntimeError) as error:  # the network is gone, or the loop is closed
             logger.debug("%s: no more uncompressed frames: %s", self._keys.prefix, error)

@@ -98,6 +98,8 @@ def shown_step(frame: Frame) -> int:
     """Number of the sensor's range steps in one step of a 16-bit range image."""
     if frame.sensor.is_cloud:
         return CLOUD_STEP
+    if frame.sensor.is_hdl64e:
+        return 1
     layout = layout_of(frame)
     bits = 16 if layout is None else layout[1].planes[0].bits
     return 1 << max(0, bits - 16)
@@ -105,6 +107,8 @@ def shown_step(frame: Frame) -> int:
 
 def shown_ranges(frame: Frame) -> npt.NDArray[np.uint16]:
     """(H, W) uint16, the ranges in steps of `shown_step`. Returns stay returns, and empty cells stay empty."""
+    if frame.sensor.is_hdl64e:
+        return frame.range_u16 if frame.keep is None else np.where(frame.valid, frame.range_u16, np.uint16(0))
     step = shown_step(frame)
     ranges = np.where(frame.valid, frame.range, 0)
     return np.where(ranges > 0, np.clip((ranges + step // 2) // step, 1, MAX_U16), 0).astype(np.uint16)
