@@ -18,7 +18,6 @@ from lidarcodec.apps.demo.browser import SCREENS, browser, show
 from lidarcodec.errors import TransportError
 from tests import asking
 from tests.command_line import COMMAND, environment, run, the_one_line
-from tests.sweeps import sampled
 from tests.transport.test_contract import eventually
 
 LIMIT_S = 120.0
@@ -94,6 +93,7 @@ def test_the_page_shows_the_vehicle_and_changes_it_and_goes_with_the_demonstrati
     assert not (tmp_path / "opened").exists()
 
 
+@pytest.mark.sweep
 def test_a_browser_is_opened_where_there_is_one(demo, tmp_path):
     program = script(tmp_path / "browser", f'echo "$1" > {tmp_path}/new; mv {tmp_path}/new {tmp_path}/opened')
     process = demo("--seconds", "2", BROWSER=f"{program} %s")
@@ -155,10 +155,9 @@ def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
         assert late.poll() is not None
 
 
+@pytest.mark.sweep
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are found as Linux shows them")
-@pytest.mark.parametrize(
-    ("words", "says"), sampled([("publish", "publisher"), ("serve", "server of the page")], [("publish", "publisher")])
-)
+@pytest.mark.parametrize(("words", "says"), [("publish", "publisher"), ("serve", "server of the page")])
 def test_it_says_that_a_process_of_its_own_ended_too_soon(demo, words, says):
     process = demo("--no-browser", "--seconds", "100")
     url = address_in(process.stdout.readline().decode())

@@ -14,7 +14,6 @@ from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
-from tests.sweeps import sampled
 from tests.transport.test_contract import eventually
 
 PIPE_TO_NOBODY = "{} | true; exit ${{PIPESTATUS[0]}}"
@@ -172,6 +171,7 @@ def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     assert (tmp_path / "demo-out" / "last-frame.png").stat().st_size > 100_000
 
 
+@pytest.mark.sweep
 def test_the_demo_needs_no_folder_to_write_in(tmp_path):
     (tmp_path / "demo-out").write_text("in the way")
     result = run("demo", "--seconds", "1", cwd=tmp_path)
@@ -179,7 +179,8 @@ def test_the_demo_needs_no_folder_to_write_in(tmp_path):
     assert "not saved" in result.stdout
 
 
-@pytest.mark.parametrize("shell", sampled(["exec 3>&1 1>&-; {}", PIPE_TO_NOBODY], [PIPE_TO_NOBODY]))
+@pytest.mark.sweep
+@pytest.mark.parametrize("shell", ["exec 3>&1 1>&-; {}", PIPE_TO_NOBODY])
 def test_the_demo_needs_nobody_who_reads(tmp_path, shell):
     command = shell.format(shlex.join([*COMMAND, "demo", "--seconds", "1"]))
     ended = subprocess.run(

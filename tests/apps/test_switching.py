@@ -90,6 +90,7 @@ def every_frame_is_accounted_for(decoded: list[int], status: dict) -> None:
     assert 0 <= on_the_way <= 2, "one in the mailbox and one in the encoder when it was ended"
 
 
+@pytest.mark.sweep
 def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
     port = free_port()
     car = End("publish", loopback_port=port, source=str(data_file("kitti_sfnd_f000-049.pcap.xz")), settings={})

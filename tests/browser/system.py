@@ -17,7 +17,7 @@ from tests.transport.test_contract import eventually
 
 LIMIT_S = 60.0
 """Longest wait for anything; a busy machine takes its time."""
-RATE_HZ = 3
+RATE_HZ = 2
 """Of a vehicle: enough to be live, and what simulates, decodes and draws it leaves time for the rest."""
 
 

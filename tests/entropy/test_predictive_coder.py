@@ -154,6 +154,7 @@ def test_frames_of_all_sizes_and_steps(width: int, fired_of, step: int, quick: b
     assert data == coded(ranges, returns, fired, SENSOR, step, quick=quick)
 
 
+@pytest.mark.sweep
 def test_frames_of_either_kind_follow_each_other_each_change_beginning_from_nothing() -> None:
     fired, returns = all_fired(90), mask(90)
     encoder, decoder, written, before = PredictiveCoder(), PredictiveCoder(), Model(), False

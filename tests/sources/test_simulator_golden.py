@@ -78,6 +78,7 @@ def build(folder: Path, compiler: str, level: str) -> Path:
     return program
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("compiler", "level"), builds() or [("none", "")])
 def test_every_compiler_gives_the_same_bytes(compiler, level):

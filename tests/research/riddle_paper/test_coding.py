@@ -26,7 +26,7 @@ def a_predictor(temporal: int = 0) -> Predictor:
     return Predictor(RiddlePaper(NetShape(temporal=temporal)), torch.device("cpu"))
 
 
-@pytest.mark.parametrize("coder", CODERS)
+@pytest.mark.parametrize("coder", sampled(CODERS, [next(iter(CODERS))]))
 @pytest.mark.parametrize("step", sampled([10, 50], [50]))
 def test_an_image_comes_back_from_its_bytes_and_its_mask(coder: str, step: int) -> None:
     ranges_m = toy_ranges(8, 12, 40)

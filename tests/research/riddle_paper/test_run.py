@@ -46,6 +46,7 @@ def test_a_short_training_beats_the_previous_valid_return(tmp_path: Path) -> Non
     assert np.median(np.abs(learned)) <= np.median(np.abs(plain))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("temporal", [0, 5])
 def test_a_resumed_run_makes_the_weights_of_one_without_a_break(tmp_path: Path, temporal: int) -> None:
     settings = RunSettings(**{**SMALL.__dict__, "temporal": temporal})

@@ -15,7 +15,6 @@ torch = pytest.importorskip("torch", reason="training needs torch: the extra `le
 
 from lidarcodec.training.riddle import nets, tiles  # noqa: E402
 from lidarcodec.training.riddle.fitting import FitSettings, fit  # noqa: E402
-from tests.sweeps import sampled  # noqa: E402
 from tests.training.riddle.test_fitting import CPU, nothing, toy_rows  # noqa: E402
 
 TOY = FitSettings(False, (32, 16), keep=(0.25, 0.5), steps=400, batch=256, rate=1e-2, seed=3)
@@ -53,7 +52,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> nets.RiddleNet:
     return fit(TOY, rows, held, tmp_path_factory.mktemp("whole") / "whole.pt", device=CPU, watch=nothing)[0]
 
 
-@pytest.mark.parametrize("stop_at", sampled([49, 50, 130, 350], [50]))
+@pytest.mark.sweep
+@pytest.mark.parametrize("stop_at", [49, 50, 130, 350])
 def test_a_run_that_was_stopped_leaves_out_what_one_that_was_not_does(
     tmp_path: Path, stop_at: int, whole: nets.RiddleNet
 ) -> None:
@@ -64,6 +64,7 @@ def test_a_run_that_was_stopped_leaves_out_what_one_that_was_not_does(
         assert torch.equal(value, resumed.state_dict()[name]), name
 
 
+@pytest.mark.sweep
 def test_a_run_that_begins_with_few_tiles_keeps_them(tmp_path: Path) -> None:
     rows = [toy_rows(4000, 1)]
     toy = replace(TOY, keep=(0.3, 0.5))  # 11 of 36 tiles: a little more than three tenths
