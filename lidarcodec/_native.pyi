@@ -392,7 +392,11 @@ class UdpReceiver:
 
 class Session:
     def __init__(
-        self, unzstd: Callable[[bytes, int], bytes], weights: Callable[[str], bytes | None], reads_ranges: bool
+        self,
+        unzstd: Callable[[bytes, int], bytes],
+        inflate: Callable[[bytes, int], bytes | None],
+        weights: Callable[[str], bytes | None],
+        reads_ranges: bool,
     ) -> None: ...
     def decode(
         self, message: object
@@ -405,8 +409,32 @@ class Session:
         NDArray[numpy.float64] | None,
         tuple[str, int, int, bytes],
     ]: ...
+    def decode_images(
+        self, message: object
+    ) -> tuple[
+        tuple[str, int, int, int, str, bytes, bytes],
+        list[tuple[str, NDArray[numpy.unsignedinteger]]],
+        tuple[
+            str,
+            NDArray[numpy.int64],
+            NDArray[numpy.uint16],
+            list[bytes],
+            list[tuple[str, NDArray[numpy.unsignedinteger]]],
+        ],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint16] | None,
+        NDArray[numpy.float64] | None,
+    ]: ...
     def cut(self) -> None: ...
 
+def decode_plane_section(
+    data: bytes, columns: int, unzstd: Callable[[bytes, int], bytes]
+) -> list[tuple[str, NDArray[numpy.unsignedinteger]]]: ...
+def decode_rest(
+    data: bytes, packets: int, unzstd: Callable[[bytes, int], bytes]
+) -> tuple[
+    str, NDArray[numpy.int64], NDArray[numpy.uint16], list[bytes], list[tuple[str, NDArray[numpy.unsignedinteger]]]
+]: ...
 def returns_of(
     ranges: NDArray[numpy.uint16],
     azimuth: NDArray[numpy.uint16],

@@ -38,8 +38,7 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
     layout = None if family is None or not rest.layout else family.named_layout(rest.layout)
     if rest.layout and layout is None:
         raise SectionError(f"a layout '{rest.layout}' that sensor {sensor.model} does not have")
-    ranges = planes.pop(RANGE, np.zeros((sensor.rows, 0), np.uint32)).astype(np.uint32)
-    intensity = planes.pop(INTENSITY, np.zeros(ranges.shape, np.uint8))
+    ranges = planes.get(RANGE, np.zeros((sensor.rows, 0), np.uint32))
     if family is None or layout is None:
         azimuth = np.zeros(ranges.shape[1], np.uint16)
     else:
@@ -48,6 +47,20 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
             raise SectionError(f"planes {ranges.shape} of {packets} packets of {layout.rows} x {layout.columns}")
         check_series(layout, rest.series, packets)
         azimuth = family.azimuth(layout, Images({RANGE: ranges}, dict(rest.series)))
+    return frame_of_planes(index, stamp_ns, planes, azimuth, rest, sensor)
+
+
+def frame_of_planes(
+    index: int,
+    stamp_ns: int,
+    planes: dict[str, Unsigned],
+    azimuth: npt.NDArray[np.uint16],
+    rest: PacketRest,
+    sensor: SensorModel,
+) -> Frame:
+    """The frame of planes that fit its sensor and layout. azimuth: (W,); planes that are missing are empty or 0."""
+    ranges = planes.pop(RANGE, np.zeros((sensor.rows, 0), np.uint32)).astype(np.uint32, copy=False)
+    intensity = planes.pop(INTENSITY, np.zeros(ranges.shape, np.uint8))
     return Frame(
         index,
         stamp_ns,

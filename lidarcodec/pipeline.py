@@ -15,7 +15,8 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
-from lidarcodec.codecs.other_sensors import KINDS, PlaneDecoder, check_for, other_encoder
+from lidarcodec.codecs.other_decoder import PlaneDecoder
+from lidarcodec.codecs.other_sensors import KINDS, check_for, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame

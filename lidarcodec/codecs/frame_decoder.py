@@ -21,6 +21,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.calibrations import sensor_of
+from lidarcodec.planes.lattice_section import inflated
 from lidarcodec.planes.sections import DecodeSide, side_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
@@ -73,7 +74,7 @@ class PlaneReader:
     def __init__(self, codec_id: int, *, reads_ranges: bool, decode_side: DecodeSide = entropy.decode_side) -> None:
         self._codec_id: Final = codec_id
         self._decode_side: Final = decode_side
-        self._session: Final = _native.Session(decompress, shipped_file, reads_ranges)
+        self._session: Final = _native.Session(decompress, inflated, shipped_file, reads_ranges)
 
     def read(self, message: Message) -> Planes:
         """The planes of a message of one frame.

@@ -1,4 +1,4 @@
-"""Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them, and its decoder.
+"""Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them.
 
 A message has a PLANES section with all images and a REST section with what else its packets hold. Messages of `riddle`
 refer to the frame before; those of the other codecs refer to none.
@@ -18,30 +18,24 @@ from lidarcodec.codecs import table
 from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.codecs.referring import ReferringSettings
-from lidarcodec.entropy import decode_positions
-from lidarcodec.entropy.plane_coder import PlaneMemory
-from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
-from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.entropy.rest_coder import encode_rest
+from lidarcodec.errors import SectionError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
-from lidarcodec.image_frame import cloud_frame, image_frame
-from lidarcodec.lattice import Columns, Lattice
-from lidarcodec.message import Message, Section, SectionType
-from lidarcodec.motion.motion import is_rigid
+from lidarcodec.lattice import Lattice
+from lidarcodec.message import Section, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.attribute_values import AttributeQuality, reduced
-from lidarcodec.planes.clouds.section import decode_cloud, encode_cloud
-from lidarcodec.planes.frame_before import DecodedBefore, SentBefore
-from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
-from lidarcodec.planes.other_calibrations import SensorBook
-from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
+from lidarcodec.planes.clouds.section import encode_cloud
+from lidarcodec.planes.frame_before import SentBefore
+from lidarcodec.planes.lattice_section import lattice_bytes
+from lidarcodec.planes.plane_section import PlaneKind, encode_plane_section
 from lidarcodec.planes.sections import pose_sections, position_sections
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.sensors.images import PacketLayout, Plane, Unsigned
 from lidarcodec.settings import AUTO, StreamSettings, step_of
 
-POSE_BYTES: Final = 96
 KINDS: Final = {
     "raw": PlaneKind.PLAIN,
     "zstd": PlaneKind.ZSTD,
@@ -193,102 +187,3 @@ def shift_of(frame: Frame) -> npt.NDArray[np.int32]:
     columns = np.rint(-np.degrees(rotation) * 100.0 / step)
     shift: npt.NDArray[np.int32] = np.clip(columns - np.rint(np.median(columns)), -4096, 4096).astype(np.int32)
     return shift
-
-
-class PlaneDecoder:
-    """Decoder of frames of other sensors than the HDL-64E, of any codec in `KINDS`."""
-
-    def __init__(self, codec_id: int) -> None:
-        """Raises UnsupportedVersionError for a codec that does not write such frames."""
-        kind = KINDS.get(table.codec_name(codec_id))
-        if kind is None:
-            raise UnsupportedVersionError(f"codec {table.codec_name(codec_id)} does not write frames of this sensor")
-        self.codec_id = codec_id
-        self._sensors = SensorBook()
-        self._before = DecodedBefore() if kind == PlaneKind.FOLLOWING else None
-
-    def decode(self, message: Message) -> list[Frame]:
-        """The message's frame.
-
-        Raises DecodeError; MissingReferenceError when a key message has to come first.
-        """
-        if message.codec != self.codec_id:
-            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
-        if message.frame_count != 1 or (message.needs is not None and self._before is None):
-            raise SectionError("a message of planes with several frames, or that refers to another")
-        if self._before is None:
-            return [self._frame(message, None)]
-        self._before.begin(message)
-        frame = self._frame(message, self._before.memory)
-        self._before.take(message)
-        return [frame]
-
-    def _frame(self, message: Message, memory: PlaneMemory | None) -> Frame:
-        sensor = self._sensors.sensor_of(message)
-        rest = decode_rest(message.section(SectionType.REST), message.packets)
-        if message.has(SectionType.POSITION):
-            coded = message.section(SectionType.POSITION)
-            rest = rest.with_positions(decode_positions(coded, message.packets))
-        if sensor.is_cloud:
-            if message.packets != 1 or rest.layout or rest.odd_packets:
-                raise SectionError(f"a point cloud of {message.packets} packets, not of one message")
-            cloud = decode_cloud(message.section(SectionType.CLOUD))
-            found = cloud_frame(
-                message.frame_index, message.stamp_ns, cloud.payload, sensor, rest.positions, cloud.grid
-            )
-            pose = _pose_of(message)
-            return found if pose is None else found.with_(pose=pose)
-        planes = {}
-        columns = lattice_of(message)
-        if message.has(SectionType.PLANES):
-            width = message.width if columns is None else len(columns)
-            planes = decode_plane_section(message.section(SectionType.PLANES), width, memory).planes
-            if planes["range"].shape[0] != sensor.rows:
-                raise SectionError(f"planes of {planes['range'].shape[0]} rows of a sensor with {sensor.rows}")
-            if columns is not None:
-                planes = {name: spread_out(image, columns, message.width) for name, image in planes.items()}
-        elif message.width or rest.layout:
-            raise SectionError(f"a message of {message.width} columns without planes")
-        frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
-        return frame.with_(pose=_pose_of(message), lattice=columns)
-
-    def flush(self) -> list[Frame]:
-        """Nothing: no frame is held back."""
-        return []
-
-
-def lattice_of(message: Message) -> Columns | None:
-    """The columns that a message of planes has, ascending; None if it has all.
-
-    Raises SectionError or TruncatedError.
-    """
-    if not message.has(SectionType.LATTICE):
-        return None
-    lattice = read_lattice(message.section(SectionType.LATTICE))
-    if lattice.width != message.width or lattice.side is not None:
-        raise SectionError(f"a lattice in {lattice.width} columns, or with packets, in a message of {message.width}")
-    return lattice.columns
-
-
-def spread_out(image: Unsigned, columns: Columns, width: int) -> Unsigned:
-    """(H, width), an image (H, K) of those columns; 0 in all others."""
-    wide = np.zeros((image.shape[0], width), image.dtype)
-    wide[:, columns] = image
-    return wide
-
-
-def _pose_of(message: Message) -> npt.NDArray[np.float64] | None:
-    """(4, 4) T_world_sensor of a message, None if it has none.
-
-    Raises SectionError.
-    """
-    if not message.has(SectionType.POSE):
-        return None
-    data = message.section(SectionType.POSE)
-    if len(data) != POSE_BYTES:
-        raise SectionError(f"a pose section of {len(data)} bytes, not {POSE_BYTES}")
-    pose = np.eye(4)
-    pose[:3] = np.frombuffer(data, "<f8").reshape(3, 4)
-    if not is_rigid(pose):
-        raise SectionError("a pose that is no rigid transform")
-    return pose

@@ -14,17 +14,18 @@ docs/wire-format-other-sensors.md, section "REST".
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.entropy import fast
-from lidarcodec.entropy.number_series import MOST_LEVEL, MOST_RATE, Form, Line, Series, differences, series, sums
+from lidarcodec.entropy.number_series import MOST_LEVEL, MOST_RATE, Form, Line, Series, differences, series
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
-from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL, MAX_SERIES, PacketRest
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 
 _DTYPES: Final[tuple[np.dtype[np.unsignedinteger], ...]] = (
@@ -76,24 +77,15 @@ def decode_rest(data: bytes, packets: int) -> PacketRest:
     """
     if not 0 <= packets <= MAX_PACKETS:
         raise SectionError(f"a frame of {packets} packets: the limit is {MAX_PACKETS}")
-    reader = VarintReader(data)
-    layout = _name(reader)
-    host_step_ns = reader.varint(1_000_000_000, least=1)
-    host = read_line(reader, packets)
-    if packets and not -_WIDEST < int(host.min()) * host_step_ns <= int(host.max()) * host_step_ns < _WIDEST:
-        raise SectionError("host times of a frame's packets more than 36 years apart")
-    found: dict[str, npt.NDArray[np.unsignedinteger]] = {}
-    left = MAX_SERIES_NUMBERS
-    for _ in range(reader.varint(MAX_SERIES)):
-        name, kind = _name(reader), reader.byte()
-        if kind >= len(_DTYPES) or name in found:
-            raise SectionError(f"a series '{name}' that comes twice, or of unknown type {kind}")
-        count = reader.varint(left)
-        left -= count
-        found[name] = _series(reader, _DTYPES[kind], count)
-    odd, payloads = _odd(reader, packets)
-    reader.end()
-    return PacketRest(layout, host * np.int64(host_step_ns), odd, payloads, found)
+    return rest_of(_native.decode_rest(data, packets, decompress))
+
+
+def rest_of(
+    decoded: tuple[str, npt.NDArray[np.int64], npt.NDArray[np.uint16], list[bytes], list[tuple[str, npt.NDArray[Any]]]],
+) -> PacketRest:
+    """The rest that the native core read: layout, `packet_ns`, `odd`, `odd_packets` and series."""
+    layout, packet_ns, odd, odd_packets, found = decoded
+    return PacketRest(layout, packet_ns, odd, tuple(odd_packets), dict(found))
 
 
 def _put_name(out: bytearray, name: str) -> None:
@@ -102,13 +94,6 @@ def _put_name(out: bytearray, name: str) -> None:
         raise SectionError(f"a name of {len(coded)} bytes: the limit is {_MAX_NAME}")
     out.append(len(coded))
     out += coded
-
-
-def _name(reader: VarintReader) -> str:
-    data = reader.take(reader.varint(_MAX_NAME))
-    if not all(chr(byte).isalnum() or byte == ord("_") for byte in data) or not data.isascii():
-        raise SectionError(f"a name that is not of letters, digits and underscores: {data!r:.60}")
-    return data.decode()
 
 
 def put_line(out: bytearray, values: Series) -> None:
@@ -147,19 +132,6 @@ def _put_series(out: bytearray, values: npt.NDArray[np.unsignedinteger]) -> None
     out += packed
 
 
-def _series(reader: VarintReader, dtype: np.dtype[np.unsignedinteger], count: int) -> npt.NDArray[np.unsignedinteger]:
-    kind = reader.byte()
-    if kind == _PLAIN:
-        plain = decompress(reader.take(reader.varint(len(reader))), count * dtype.itemsize)
-        return np.frombuffer(plain, dtype.newbyteorder("<")).astype(dtype)
-    if kind != _BY_LINE:
-        raise SectionError(f"a series of unknown kind {kind}")
-    values = read_line(reader, count)
-    if count and not 0 <= int(values.min()) <= int(values.max()) <= min(_WIDEST, int(np.iinfo(dtype).max)):
-        raise SectionError(f"a series of {dtype} with numbers that do not fit")
-    return values.astype(dtype)
-
-
 def _put_odd(out: bytearray, rest: PacketRest) -> None:
     """Places and sizes of odd packets, then their bytes, those of each size together, the smallest size first."""
     put_varint(out, len(rest.odd))
@@ -182,30 +154,3 @@ def _put_odd(out: bytearray, rest: PacketRest) -> None:
         out.append(kind)
         put_varint(out, len(packed))
         out += packed
-
-
-def _odd(reader: VarintReader, packets: int) -> tuple[npt.NDArray[np.uint16], tuple[bytes, ...]]:
-    count = reader.varint(packets)
-    if not count:
-        return np.zeros(0, np.uint16), ()
-    place_left, size_left = fast.decode_signed(reader.take(reader.varint(len(reader))), [count, count])
-    places, sizes = sums(place_left, 1), sums(size_left, 1)
-    if not 0 <= int(places.min()) <= int(places.max()) < packets:
-        raise SectionError(f"an odd packet at a place beyond the {packets} of the frame")
-    if not 0 <= int(sizes.min()) <= int(sizes.max()) <= MAX_ODD_BYTES or int(sizes.sum()) > MAX_ODD_TOTAL:
-        raise SectionError(
-            f"odd packets of {int(sizes.sum())} bytes: the limits are {MAX_ODD_BYTES} and {MAX_ODD_TOTAL}"
-        )
-    payloads = [b""] * count
-    for size in np.unique(sizes[sizes > 0]).tolist():
-        of_size = np.flatnonzero(sizes == size).tolist()
-        kind = reader.byte()
-        if kind not in (_AS_THEY_ARE, _DIFFERENCES):
-            raise SectionError(f"odd packets of unknown kind {kind}")
-        data = decompress(reader.take(reader.varint(len(reader))), len(of_size) * size)
-        if kind == _DIFFERENCES:
-            rows = np.frombuffer(data, np.uint8).reshape(-1, size)
-            data = np.add.accumulate(rows, axis=0, dtype=np.uint8).tobytes()
-        for number, place in enumerate(of_size):
-            payloads[place] = data[number * size : (number + 1) * size]
-    return places.astype(np.uint16), tuple(payloads)

@@ -1,6 +1,7 @@
 """What the planes of a frame of another sensor than an HDL-64E refer to: the frames since the last key message.
 
-`SentBefore` is of an encoder, `DecodedBefore` of a decoder. Both forget everything with a message that needs no other.
+`SentBefore` is of an encoder; the decoder is native/src/session. Both forget everything with a message that needs no
+other.
 """
 
 from __future__ import annotations
@@ -11,8 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.entropy.plane_coder import PlaneMemory
-from lidarcodec.errors import MissingReferenceError
-from lidarcodec.message import Message
 from lidarcodec.planes.plane_section import Following
 from lidarcodec.units import AZIMUTH_TURN
 
@@ -85,29 +84,3 @@ class SentBefore:
     def take(self, index: int) -> None:
         """The frame of this index was coded."""
         self._last = index
-
-
-class DecodedBefore:
-    """What a decoder has of the frames since the last message that needs no other."""
-
-    def __init__(self) -> None:
-        self.memory: Final = PlaneMemory()
-        self._last: int | None = None
-
-    def begin(self, message: Message) -> None:
-        """A message comes. If it is not `taken` later, the next one that needs another is refused.
-
-        Raises MissingReferenceError if it needs a frame that was not decoded; nothing has changed then.
-        """
-        if message.needs is None:
-            self.memory.forget()
-        elif message.needs != self._last:
-            text = (
-                f"frame {message.frame_index} needs frame {message.needs}, which was not decoded: ask for a key frame"
-            )
-            raise MissingReferenceError(text, message.needs)
-        self._last = None
-
-    def take(self, message: Message) -> None:
-        """The message was decoded."""
-        self._last = message.frame_index

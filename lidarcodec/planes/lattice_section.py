@@ -72,6 +72,16 @@ def _read_side(side: bytes, positions: bytes, width: int, packets: int) -> SideI
     return replace(known, positions=entropy.decode_positions(positions, packets)) if positions else known
 
 
+def inflated(data: bytes, most: int) -> bytes | None:
+    """The bytes of one zlib stream, `most` at most. None if it is damaged, holds more, or is followed by others."""
+    inflate = zlib.decompressobj()
+    try:
+        plain = inflate.decompress(data, most + 1)
+    except zlib.error:
+        return None
+    return plain if inflate.eof and not inflate.unused_data and len(plain) <= most else None
+
+
 def _columns_bytes(lattice: Lattice) -> tuple[int, bytes]:
     width, columns = lattice.width, lattice.columns
     if len(columns) > 3:
@@ -91,12 +101,8 @@ def _read_columns(kind: int, width: int, data: bytes) -> Columns:
         return columns_of(width, step, phase)
     if kind != _LISTED:
         raise SectionError(f"a lattice section of kind {kind} with {len(data)} bytes of columns")
-    inflate = zlib.decompressobj()
-    try:
-        gaps = inflate.decompress(data, 2 * width + 1)
-    except zlib.error:
-        raise SectionError("a lattice section whose list of columns is damaged") from None
-    if not inflate.eof or inflate.unused_data or len(gaps) % 2 or len(gaps) > 2 * width:
+    gaps = inflated(data, 2 * width)
+    if gaps is None or len(gaps) % 2:
         raise SectionError("a lattice section whose list of columns is damaged")
     columns = np.frombuffer(gaps, "<u2").astype(np.int64).cumsum()
     if len(columns) and (int(columns[-1]) >= width or np.any(np.diff(columns) < 1)):

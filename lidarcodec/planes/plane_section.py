@@ -12,11 +12,12 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy.plane_coder import PlaneMemory, decode_planes, encode_planes
+from lidarcodec import _native
+from lidarcodec.entropy.plane_coder import PlaneMemory, encode_planes
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
-from lidarcodec.planes.value_tables import coded_forms, put_tables, read_tables, with_places, with_values
+from lidarcodec.planes.value_tables import put_tables, read_tables, with_places
 from lidarcodec.sensor_model import MAX_LASERS
 from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, PlaneRole, Unsigned
 from lidarcodec.units import MAX_COLUMNS
@@ -73,13 +74,6 @@ class Following(NamedTuple):
 
     memory: PlaneMemory
     runs: npt.NDArray[np.uint32] | None = None
-
-
-class PlaneSection(NamedTuple):
-    """A decoded section: what planes there are, and the planes themselves, (H, W) each."""
-
-    forms: tuple[Plane, ...]
-    planes: dict[str, Unsigned]
 
 
 def encode_plane_section(
@@ -148,37 +142,12 @@ def read_head(data: bytes) -> PlaneHead:
     return PlaneHead(kind, rows, step, forms, shift, tables, bool(marks & _REDUCED), reader.offset)
 
 
-def decode_plane_section(data: bytes, columns: int, memory: PlaneMemory | None = None) -> PlaneSection:
-    """The planes of a section, (H, `columns`) each. memory: of the stream; None: the section begins one.
+def decode_plane_section(data: bytes, columns: int) -> dict[str, Unsigned]:
+    """The planes of a section that begins a stream, by name: (H, `columns`) each, read-only.
 
     Raises SectionError or TruncatedError. Takes no more memory than the largest frame needs.
     """
-    head = read_head(data)
-    _check(head.rows, columns, len(head.forms), head.step)
-    planes = _coded_planes(data[head.size :], columns, head, memory)
-    return PlaneSection(head.forms, with_values(head.forms, planes, head.tables) if head.tables else planes)
-
-
-def _coded_planes(body: bytes, columns: int, head: PlaneHead, memory: PlaneMemory | None) -> dict[str, Unsigned]:
-    """Planes as they are coded: of those with a table, places."""
-    rows, forms = head.rows, coded_forms(head.forms, head.tables)
-    if head.kind == PlaneKind.MODELLED:
-        return decode_planes(body, columns, forms, head.shift, head.step)
-    if head.kind == PlaneKind.FOLLOWING:
-        return (memory or PlaneMemory()).decode(body, columns, forms, head.shift, head.step)
-    sizes = [rows * columns * form.dtype.itemsize for form in forms]
-    if head.kind == PlaneKind.ZSTD:
-        body = decompress(body, sum(sizes))
-    if len(body) != sum(sizes):
-        raise SectionError(f"planes of {len(body)} bytes where {sum(sizes)} are expected")
-    planes: dict[str, Unsigned] = {}
-    at = 0
-    for form, size in zip(forms, sizes, strict=True):
-        part = body[at : at + size]
-        image = _from_plain(part, form, rows) if head.kind == PlaneKind.PLAIN else _from_rows(part, form, rows)
-        planes[form.name] = _reconstructed(image, head.step if form.role != "attribute" else 1, form)
-        at += size
-    return planes
+    return dict(_native.decode_plane_section(data, columns, decompress))
 
 
 def _check(rows: int, columns: int, planes: int, step: int) -> None:
@@ -214,25 +183,8 @@ def _quantised(image: Unsigned, step: int) -> Unsigned:
     return np.where(image > 0, indices, np.uint32(0)).astype(image.dtype)
 
 
-def _reconstructed(image: Unsigned, step: int, form: Plane) -> Unsigned:
-    top = np.uint64((1 << form.bits) - 1)
-    if step > 1:
-        index = image.astype(np.uint64)
-        values = np.minimum((np.maximum(index, np.uint64(1)) - np.uint64(1)) * np.uint64(step), top)
-        values = np.where(values == 0, np.minimum(np.uint64((step // 2 + 1) // 2), top), values)
-        return np.where(index > 0, values, np.uint64(0)).astype(form.dtype)
-    if image.size and int(image.max()) > int(top):
-        raise SectionError(f"plane {form.name} holds {int(image.max())}, which has more than {form.bits} bits")
-    return image
-
-
 def _plain(image: Unsigned, form: Plane) -> bytes:
     return image.astype(form.dtype.newbyteorder("<")).tobytes()
-
-
-def _from_plain(data: bytes, form: Plane, rows: int) -> Unsigned:
-    found: Unsigned = np.frombuffer(data, form.dtype.newbyteorder("<")).astype(form.dtype).reshape(rows, -1)
-    return found
 
 
 def _rows(image: Unsigned, form: Plane) -> bytes:
@@ -240,10 +192,3 @@ def _rows(image: Unsigned, form: Plane) -> bytes:
     steps = image.astype(form.dtype, copy=True)
     steps[:, 1:] -= image[:, :-1].astype(form.dtype, copy=False)
     return steps.astype(form.dtype.newbyteorder("<")).view(np.uint8).reshape(-1, form.dtype.itemsize).T.tobytes()
-
-
-def _from_rows(data: bytes, form: Plane, rows: int) -> Unsigned:
-    size = form.dtype.itemsize
-    steps = np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(size, -1).T).view(form.dtype.newbyteorder("<"))
-    found: Unsigned = np.add.accumulate(steps.astype(form.dtype).reshape(rows, -1), axis=1, dtype=form.dtype)
-    return found

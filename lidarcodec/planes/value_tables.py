@@ -49,25 +49,6 @@ def coded_forms(forms: Sequence[Plane], tables: Mapping[str, Unsigned]) -> list[
     return [form._replace(bits=_BITS) if form.name in tables else form for form in forms]
 
 
-def with_values(
-    forms: Sequence[Plane], planes: Mapping[str, Unsigned], tables: Mapping[str, Unsigned]
-) -> dict[str, Unsigned]:
-    """The inverse of `with_places`.
-
-    Raises SectionError for a place beyond its table.
-    """
-    found = dict(planes)
-    for form in forms:
-        if form.name not in tables:
-            continue
-        table, places, returns = tables[form.name], planes[form.name], planes[form.of] > 0
-        if int(places.max(initial=0, where=returns)) >= len(table):
-            raise SectionError(f"plane {form.name} holds places beyond its {len(table)} values")
-        values = table[np.where(returns, places, 0)]
-        found[form.name] = np.where(returns, values, np.zeros((), values.dtype)).astype(form.dtype)
-    return found
-
-
 def put_tables(out: bytearray, forms: Sequence[Plane], tables: Mapping[str, Unsigned]) -> None:
     """Write which planes have which table; planes with equal values share one."""
     numbers: dict[bytes, int] = {}

@@ -17,11 +17,12 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
-from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.errors import DecodeError, SectionError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section, read_head
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.models.table import PACKETS, any_packets, names, sensor_named
@@ -260,3 +261,16 @@ def test_a_message_that_lacks_a_series_or_has_it_too_short_is_a_decode_error(cap
                 used(replace(message, sections=sections))
             except DecodeError:
                 continue
+
+
+def test_intensities_of_more_bits_than_any_frame_has_are_a_decode_error() -> None:
+    sensor, packets = opened(FILES[SMALL[0]])
+    frame = next(iter(frames_of(packets[:12], sensor, "packets:12")))
+    (message,) = StreamEncoder(settings_from({"codec": "raw"}), 7).encode(frame)
+    section = message.section(SectionType.PLANES)
+    head, planes = read_head(section), decode_plane_section(section, message.width)
+    forms = [form._replace(bits=17) if form.name == "intensity" else form for form in head.forms]
+    wide = Section(SectionType.PLANES, encode_plane_section(PlaneKind.PLAIN, forms, planes, head.shift, 1))
+    sections = tuple(wide if one.type == SectionType.PLANES else one for one in message.sections)
+    with pytest.raises(SectionError, match="intensities of 17 bits, more than 16"):
+        StreamDecoder().decode(replace(message, sections=sections))

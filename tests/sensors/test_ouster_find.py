@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from lidarcodec.codecs.other_decoder import PlaneDecoder
+from lidarcodec.codecs.table import codec_id
+from lidarcodec.entropy.rest_coder import encode_rest
 from lidarcodec.errors import CalibrationError, SectionError
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.calibrations import encode_calibration
-from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_sensor
 from lidarcodec.sensors.models.ouster.sensor import bare_sensors, model_from
@@ -114,5 +117,11 @@ def test_a_message_with_a_description_that_does_not_fit_is_refused() -> None:
 
 def _decoded(sensor: SensorModel) -> SensorModel:
     """The sensor that a key message of this one describes."""
-    section = encode_calibration(sensor, key=True)
-    return SensorBook().sensor_of(SimpleNamespace(section=lambda _kind: section, planes=True, frame_index=0))
+    rest = PacketRest("", np.zeros(0, np.int64), np.zeros(0, np.uint16), ())
+    sections = (
+        Section(SectionType.CALIBRATION, encode_calibration(sensor, key=True)),
+        Section(SectionType.REST, encode_rest(rest)),
+    )
+    codec = codec_id("raw")
+    (frame,) = PlaneDecoder(codec).decode(Message(codec, 1, 0, 0, True, 0, 0, sections, planes=True))
+    return frame.sensor

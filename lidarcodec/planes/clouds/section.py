@@ -318,7 +318,7 @@ def _read_planes(reader: VarintReader, grid: Grid, known: dict[str, Unsigned] | 
     coded = reader.take(reader.varint(len(reader)))
     if known is not None:
         return known
-    section = decode_plane_section(coded, grid.columns)
-    if section.planes["range"].shape != (grid.rows, grid.columns):
-        raise SectionError(f"planes of {section.planes['range'].shape} of a cloud of {grid.rows} x {grid.columns}")
-    return section.planes
+    planes = decode_plane_section(coded, grid.columns)
+    if planes["range"].shape != (grid.rows, grid.columns):
+        raise SectionError(f"planes of {planes['range'].shape} of a cloud of {grid.rows} x {grid.columns}")
+    return planes

@@ -46,7 +46,8 @@ const std::vector<std::uint64_t>& series_named(const std::vector<Series>& series
 }
 
 bool is_known_model(std::string_view model) {
-  return model == kAnyPackets || block_model(model) != nullptr || is_described(model) || bare_packets(model);
+  return model == kAnyPackets || model == kPointCloud || block_model(model) != nullptr || is_described(model) ||
+         bare_packets(model);
 }
 
 std::shared_ptr<const SensorFamily> family_of(std::string_view model, Bytes description, std::size_t rows,

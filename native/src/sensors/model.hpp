@@ -82,11 +82,14 @@ inline constexpr std::uint16_t kAzimuthTurn = 36'000;
 // Of packets that are carried, and have no images.
 inline constexpr std::string_view kAnyPackets = "packets";
 
-// Whether there is a sensor of that name beside the HDL-64E, or kAnyPackets.
+// Of point clouds, each of which is one message of a driver; their images are made of their points.
+inline constexpr std::string_view kPointCloud = "pointcloud2";
+
+// Whether there is a sensor of that name beside the HDL-64E, or kAnyPackets or kPointCloud.
 bool is_known_model(std::string_view model);
 
-// The family of a known model; nothing of kAnyPackets. description: of an Ouster, its metadata; range_step: in 1e-7 m.
-// Raises Section if the description is not that of such a sensor.
+// The family of a known model; nothing of kAnyPackets and kPointCloud. description: of an Ouster, its metadata;
+// range_step: in 1e-7 m. Raises Section if the description is not that of such a sensor.
 std::shared_ptr<const SensorFamily> family_of(std::string_view model, Bytes description, std::size_t rows,
                                               std::uint32_t range_step);
 

@@ -15,10 +15,10 @@ constexpr std::size_t kHeaderBytes = 56, kChecksumBytes = 4, kSectionHead = 6;
 constexpr std::size_t kLeast = kHeaderBytes + kChecksumBytes;
 constexpr std::uint64_t kMostFrames = 64, kMostPackets = 2048, kMostSections = 256;
 constexpr std::uint64_t kKey = 1, kNeeds = 2, kPlanes = 0x100, kCritical = 0xFF00;
-constexpr std::size_t kKnownTypes = 15;
+constexpr std::size_t kKnownTypes = 16;
 constexpr std::array<const char*, kKnownTypes + 1> kTypes = {
-    "",       "range",   "mask", "intensity", "azimuth", "side",     "calibration", "keep",
-    "motion", "weights", "pose", "filler",    "lattice", "position", "planes",      "rest"};
+    "",        "range", "mask",   "intensity", "azimuth",  "side",   "calibration", "keep", "motion",
+    "weights", "pose",  "filler", "lattice",   "position", "planes", "rest",        "cloud"};
 constexpr std::array<const char*, 12> kCodecs = {"",     "raw",          "zstd", "pcodec",   "png",    "jxl",
                                                  "jpeg", "jpeg-layered", "h264", "h264-log", "riddle", "predictive"};
 

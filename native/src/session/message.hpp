@@ -23,7 +23,8 @@ enum class SectionType : std::uint8_t {
   Lattice,
   Position,
   Planes,  // of other sensors than an HDL-64E
-  Rest
+  Rest,
+  Cloud  // a point cloud
 };
 
 // Numbers that name codecs in messages.

@@ -25,6 +25,8 @@ class Outside {
   // Whether the program reads the ranges of a codec by itself, from the planes that the session gives; by default of
   // none.
   virtual bool reads_ranges(Codec) const { return false; }
+  // Whether the program reads CLOUD sections by itself; by default it does not, and messages that have one are refused.
+  virtual bool reads_clouds() const { return false; }
   // The samples of a picture of 16 bits, row after row; nothing if it is damaged or has another size.
   virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width,
                                                             std::size_t height) const;

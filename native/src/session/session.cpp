@@ -131,6 +131,7 @@ ImageFrame Session::images_of(const Message& message) {
   if (!message.needs) plane_memory_ = empty_plane_memory();
   last_.reset();  // until the message is decoded
   ImageFrame images = read_image_frame(message, described_, *outside_, plane_memory_.get());
+  decode_pose(message);
   last_ = message.frame_index;
   return images;
 }

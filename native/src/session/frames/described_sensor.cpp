@@ -3,13 +3,23 @@
 #include <numeric>
 
 #include "base/utf8.hpp"
+#include "session/frames/names.hpp"
 
 namespace lidarcodec {
 namespace {
 
 constexpr std::uint8_t kForm = 3;
 constexpr std::size_t kHeadBytes = 12, kMostRows = 128, kMostDescription = std::size_t{1} << 20,
-                      kMostBytes = kMostDescription + (std::size_t{1} << 14);
+                      kMostBytes = kMostDescription + (std::size_t{1} << 14), kShownModel = 40;
+
+// Of a sensor whose model and rows are known.
+std::shared_ptr<const SensorFamily> described_family(const DescribedSensor& sensor) {
+  try {
+    return family_of(sensor.model, sensor.description, sensor.rows(), sensor.range_step);
+  } catch (const Error& error) {
+    throw Error(error.code(), std::string("a sensor whose description cannot be used: ") + error.what());
+  }
+}
 
 std::shared_ptr<const DescribedSensor> read_described(Bytes data, const Outside& outside) {
   const std::size_t at = 1 + kHashBytes;
@@ -38,7 +48,10 @@ std::shared_ptr<const DescribedSensor> read_described(Bytes data, const Outside&
   sensor->model.assign(model.begin(), model.end());
   sensor->description.assign(description.begin(), description.end());
   if (!is_known_model(sensor->model))
-    throw Error(ErrorCode::Section, "a sensor of a model that this build does not know: update it");
+    throw Error(ErrorCode::Section,
+                (is_plain_name(model, "-") ? "a sensor of model '" + sensor->model.substr(0, kShownModel) + "'"
+                                           : std::string("a sensor of a model")) +
+                    ", which this build does not know: update it");
 
   const Bytes table = Bytes(plain).subspan(reader.at());
   sensor->table.lasers = rows;
@@ -49,7 +62,7 @@ std::shared_ptr<const DescribedSensor> read_described(Bytes data, const Outside&
   std::stable_sort(sensor->laser.begin(), sensor->laser.end(), [&](std::uint8_t a, std::uint8_t b) {
     return sensor->table.at(kElevationRow, a) > sensor->table.at(kElevationRow, b);
   });
-  sensor->family = family_of(sensor->model, sensor->description, rows, sensor->range_step);
+  sensor->family = described_family(*sensor);
 
   std::vector<std::uint8_t> hashed(name.begin(), name.end());
   hashed.push_back(0);

@@ -1,5 +1,5 @@
-// Form 3 of the CALIBRATION section: sensors beside the HDL-64E (docs/wire-format.md, "Calibration"); in Python
-// lidarcodec/planes/other_calibrations.py.
+// Form 3 of the CALIBRATION section: sensors beside the HDL-64E (docs/wire-format.md, "Calibration"); written
+// by lidarcodec/planes/other_calibrations.py.
 #pragma once
 #include "sensors/model.hpp"
 #include "session/calibration_book.hpp"

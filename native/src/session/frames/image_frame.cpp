@@ -24,6 +24,7 @@ void check_series(const PacketLayout& layout, const std::vector<Series>& series,
 }
 
 constexpr std::size_t kMostNumbers = std::size_t{1} << 23;  // of all planes of a frame
+constexpr std::uint32_t kMostIntensityBits = 16;
 
 // Planes of the columns that were sent, in those of the frame.
 void widen(const Lattice& lattice, ImageFrame& frame) {
@@ -32,6 +33,15 @@ void widen(const Lattice& lattice, ImageFrame& frame) {
     damaged("a thinned frame of more numbers than a frame may have");
   for (NamedPlane& plane : frame.planes) plane.values = widened(plane.values, rows, lattice);
   frame.lattice = lattice.columns;
+}
+
+// Of a point cloud there is nothing but the sensor and the host time of its message.
+void check_cloud(ImageFrame& frame, const Outside& outside) {
+  if (!outside.reads_clouds()) throw Error(ErrorCode::Version, "point clouds are not decoded here");
+  const PacketRest& rest = frame.rest;
+  if (rest.packet_ns.size() != 1 || !rest.layout.empty() || !rest.odd.empty())
+    damaged("a point cloud of " + std::to_string(rest.packet_ns.size()) + " packets, not of one message");
+  frame.width = 0;
 }
 
 void take_layout(ImageFrame& frame) {
@@ -52,10 +62,15 @@ void take_layout(ImageFrame& frame) {
 
 }  // namespace
 
-const PlaneImage* ImageFrame::plane(std::string_view name) const {
+const NamedPlane* ImageFrame::named(std::string_view name) const {
   const auto found =
       std::find_if(planes.begin(), planes.end(), [&](const NamedPlane& one) { return one.name == name; });
-  return found == planes.end() ? nullptr : &found->values;
+  return found == planes.end() ? nullptr : &*found;
+}
+
+const PlaneImage* ImageFrame::plane(std::string_view name) const {
+  const NamedPlane* const found = named(name);
+  return found == nullptr ? nullptr : &found->values;
 }
 
 std::unique_ptr<FrameGeometry> ImageFrame::geometry() const {
@@ -70,6 +85,10 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
   frame.sensor = sensors.of(message, outside);
   frame.width = message.width;
   frame.rest = decode_rest(message.section(SectionType::Rest), message.packets, outside);
+  if (frame.sensor->model == kPointCloud) {
+    check_cloud(frame, outside);
+    return frame;
+  }
   std::optional<Lattice> lattice;
   if (const std::optional<Bytes> section = message.find(SectionType::Lattice)) {
     lattice = read_lattice(*section, outside);
@@ -85,6 +104,9 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
               std::to_string(frame.sensor->rows()));
     frame.planes = std::move(found.planes);
     if (lattice) widen(*lattice, frame);
+    if (const NamedPlane* const intensity = frame.named("intensity"); intensity && intensity->bits > kMostIntensityBits)
+      damaged("intensities of " + std::to_string(intensity->bits) + " bits, more than " +
+              std::to_string(kMostIntensityBits));
   } else if (message.width != 0 || !frame.rest.layout.empty()) {
     damaged("a message of " + std::to_string(message.width) + " columns without planes");
   }

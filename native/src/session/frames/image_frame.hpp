@@ -1,4 +1,5 @@
-// A frame of another sensor than an HDL-64E: planes, the rest of its packets, and the direction of each column; in
+// A frame of another sensor than an HDL-64E: planes, the rest of its packets, and the direction of each column; of a
+// point cloud, whose CLOUD section the program reads, the sensor and the host time alone. In
 // Python lidarcodec/image_frame.py.
 #pragma once
 #include "session/frames/described_sensor.hpp"
@@ -17,6 +18,7 @@ struct ImageFrame {
   std::vector<std::uint16_t> azimuth;    // (W,) 0.01 degree, 0 to 35999, clockwise; 0 without a layout
 
   // nullptr if there is none.
+  const NamedPlane* named(std::string_view name) const;
   const PlaneImage* plane(std::string_view name) const;
   // Directions and times of its cells; nothing without a layout, or where the directions of beams are not known.
   std::unique_ptr<FrameGeometry> geometry() const;

@@ -19,8 +19,6 @@ constexpr std::uint32_t kMostStep = 40'001;
 
 [[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::Section, what); }
 
-std::size_t bytes_of(std::uint32_t bits) { return bits <= 8 ? 1 : bits <= 16 ? 2 : 4; }
-
 NamedPlane read_form(VarintReader& reader) {
   NamedPlane plane;
   const std::uint8_t role = reader.byte();
@@ -86,12 +84,20 @@ void decode_modelled(Bytes body, PlaneFrame shape, std::vector<NamedPlane>& plan
   for (std::size_t i = 0; i < order.size(); ++i) planes[order[i]].values = std::move(images[i]);
 }
 
+template <std::size_t kBytes>
+PlaneImage numbers_of(const std::uint8_t* data, std::size_t cells) {
+  PlaneImage values(cells);
+  for (std::size_t i = 0; i < cells; ++i) {
+    std::uint32_t value = 0;
+    for (std::size_t byte = 0; byte < kBytes; ++byte) value |= std::uint32_t{data[i * kBytes + byte]} << (8 * byte);
+    values[i] = value;
+  }
+  return values;
+}
+
 // Numbers of `bytes` bytes each, little endian.
 PlaneImage plain_numbers(const std::uint8_t* data, std::size_t cells, std::size_t bytes) {
-  PlaneImage values(cells);
-  for (std::size_t i = 0; i < cells; ++i)
-    for (std::size_t byte = 0; byte < bytes; ++byte) values[i] |= std::uint32_t{data[i * bytes + byte]} << (8 * byte);
-  return values;
+  return bytes == 1 ? numbers_of<1>(data, cells) : bytes == 2 ? numbers_of<2>(data, cells) : numbers_of<4>(data, cells);
 }
 
 // Sums along rows of differences, whose lowest bytes come first; modulo what so many bytes hold.
@@ -173,13 +179,13 @@ void decode_body(std::uint8_t kind, Bytes body, PlaneFrame shape, std::vector<Na
   if (kind >= kModelled) return decode_modelled(body, std::move(shape), planes, kind == kFollowing ? memory : nullptr);
   const std::size_t cells = shape.rows * shape.columns;
   std::size_t size = 0;
-  for (const NamedPlane& plane : planes) size += cells * bytes_of(plane.bits);
+  for (const NamedPlane& plane : planes) size += cells * plane_bytes(plane.bits);
   std::vector<std::uint8_t> opened;
   if (kind == kZstd) body = opened = zstd_frame(outside, body, size);
   if (body.size() != size)
     damaged("planes of " + std::to_string(body.size()) + " bytes where " + std::to_string(size) + " are expected");
   for (NamedPlane& plane : planes) {
-    const std::size_t bytes = bytes_of(plane.bits);
+    const std::size_t bytes = plane_bytes(plane.bits);
     plane.values = kind == kPlain ? plain_numbers(body.data(), cells, bytes)
                                   : summed_numbers(body.data(), shape.rows, shape.columns, bytes);
     scale(plane, shape.step);

@@ -1,5 +1,5 @@
-// The PLANES section (docs/wire-format-other-sensors.md): all images of a frame of another sensor than an HDL-64E; in
-// Python lidarcodec/planes/plane_section.py.
+// The PLANES section (docs/wire-format-other-sensors.md): all images of a frame of another sensor than an HDL-64E;
+// lidarcodec/planes/plane_section.py writes it.
 #pragma once
 #include <memory>
 #include <string>
@@ -9,6 +9,9 @@
 #include "session/outside.hpp"
 
 namespace lidarcodec {
+
+// Bytes of the narrowest number of so many bits.
+inline std::size_t plane_bytes(std::uint32_t bits) { return bits <= 8 ? 1 : bits <= 16 ? 2 : 4; }
 
 // (H, W) numbers of `bits` bits. of: of an attribute, the place in the list of the range plane that it describes.
 struct NamedPlane {

@@ -1,5 +1,5 @@
 // The REST section (docs/wire-format-other-sensors.md): what packets of another sensor than an HDL-64E hold beside the
-// planes of a frame; in Python lidarcodec/entropy/rest_coder.py.
+// planes of a frame; lidarcodec/entropy/rest_coder.py writes it.
 #pragma once
 #include "sensors/model.hpp"
 #include "session/outside.hpp"

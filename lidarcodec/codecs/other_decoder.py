@@ -1,0 +1,67 @@
+"""Decoder of frames of other sensors than the HDL-64E, on the native core's decoder of a stream (native/src/session).
+
+The session reads all of a frame of images. Of a point cloud it reads the sensor, and the CLOUD section is read here.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from lidarcodec import _native
+from lidarcodec.codecs import table
+from lidarcodec.codecs.frame_decoder import check_codec
+from lidarcodec.codecs.other_sensors import KINDS
+from lidarcodec.entropy import decode_positions
+from lidarcodec.entropy.rest_coder import rest_of
+from lidarcodec.entropy.zstd_frames import decompress
+from lidarcodec.errors import UnsupportedVersionError
+from lidarcodec.frame import Frame
+from lidarcodec.image_frame import cloud_frame, frame_of_planes
+from lidarcodec.message import Message, SectionType
+from lidarcodec.network.shelf import shipped_file
+from lidarcodec.planes.clouds.section import decode_cloud
+from lidarcodec.planes.lattice_section import inflated
+from lidarcodec.planes.other_calibrations import described_sensor
+
+
+class PlaneDecoder:
+    """Decoder of frames of other sensors than the HDL-64E, of any codec in `KINDS`."""
+
+    def __init__(self, codec_id: int) -> None:
+        """Raises UnsupportedVersionError for a codec that does not write such frames."""
+        name = table.codec_name(codec_id)
+        if name not in KINDS:
+            raise UnsupportedVersionError(f"codec {name} does not write frames of this sensor")
+        self.codec_id = codec_id
+        self._session: Final = _native.Session(decompress, inflated, shipped_file, False)
+
+    def decode(self, message: Message) -> list[Frame]:
+        """The message's frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        check_codec(message, self.codec_id)
+        described, planes, rest, azimuth, lattice, moved = self._session.decode_images(message)
+        try:
+            sensor = described_sensor(*described)
+            found = rest_of(rest)
+            if message.has(SectionType.POSITION):
+                coded = message.section(SectionType.POSITION)
+                found = found.with_positions(decode_positions(coded, message.packets))
+            pose = None if moved is None else np.vstack([moved, [0.0, 0.0, 0.0, 1.0]])
+            index, stamp_ns = message.frame_index, message.stamp_ns
+            if sensor.is_cloud:
+                cloud = decode_cloud(message.section(SectionType.CLOUD))
+                frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, cloud.grid)
+            else:
+                frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, found, sensor)
+        except BaseException:
+            self._session.cut()
+            raise
+        return [frame.with_(pose=pose, lattice=lattice)]
+
+    def flush(self) -> list[Frame]:
+        """Nothing: no frame is held back."""
+        return []
