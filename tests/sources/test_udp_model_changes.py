@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import pytest
 
+from lidarcodec.sensors import find_sensor
 from lidarcodec.sources import open_source
 from lidarcodec.sources.udp.watch import LOOK_EVERY, MOST_IN_A_ROW, ODD_IN_A_ROW, ModelWatch
 from tests.apps.test_other_sensors import sent_by
@@ -118,3 +119,25 @@ def test_an_ouster_that_starts_anew_is_asked_for_its_metadata_again(data_file):
         assert source.sensor.hash != first.hash
         before, after = (one.calibration["vert_correction_rad"][0] for one in (first, source.sensor))
         assert after != before
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("first", "calibration", "then"),
+    [("vlp16", "vlp16_db.xml", "HDL-64E S3"), ("OS-1-128", METADATA, "vlp32c")],
+)
+def test_packets_of_another_model_do_not_end_a_source_whose_calibration_was_given(
+    data_file, caplog, first, calibration, then
+):
+    """Else who sends them from the sensor's address ends a recording, or a live stream."""
+    before, after = (sent_by(data_file(CAPTURES[name])) for name in (first, then))
+    before, after = ([one for one in part if len(one) > 1000] for part in (before, after))
+    long = (after * (2 + NEEDED // len(after)))[: NEEDED + 100]
+    payloads = before[:100] + long + (before * (2 + NEEDED // len(before)))[: NEEDED + 100]
+    with open_source("udp://127.0.0.1:0?wait=0.3&idle=1", calibration=data_file(calibration)) as source:
+        came, models = sent(source, payloads)
+        assert came == payloads
+        assert len(set(models)) == 2
+        again = find_sensor(None, data_file(calibration), before, models[0])
+        assert (source.sensor.hash, source.sensor.origin) == (again.hash, "given")
+    assert "read without the calibration given" in caplog.text

@@ -117,6 +117,8 @@ class UdpSource(PacketSource):
         """The sensor of the packets that come in now, and of those given last."""
         self._first: list[bytes] | None = None if model in (HDL64E, PACKETS) else []
         """First packets of the sender, until the model of its sensor is known."""
+        self._settled = False
+        """Whether a sensor was found once: from then on no packets of another one end the source."""
         self._watch: ModelWatch | None = None
         """Of the sensor that was recognised; None where no other can take its place."""
         self._unknown: list[Packet] = []
@@ -321,6 +323,7 @@ class UdpSource(PacketSource):
         if found is not None:
             logger.info("%s: %s", self.label, found.evidence)
         self._now = self._sensor_of(str(self._model if found is None else found.model), first)
+        self._settled = True
         if self._model is not None or self._any:
             return
         if self._watch is None:
@@ -331,13 +334,26 @@ class UdpSource(PacketSource):
             self._watch.watch(self._now)
 
     def _sensor_of(self, model: str, first: list[bytes]) -> SensorModel:
+        """The sensor of that model; without the given calibration if that is of the sensor before.
+
+        Raises CalibrationError for the first sensor if that calibration is of another.
+        """
+        try:
+            return self._calibrated(model, first, self._calibration)
+        except CalibrationError as error:
+            if not self._settled:
+                raise
+            logger.warning("%s: packets of another sensor are read without the calibration given: %s", self.label, error)
+            return self._calibrated(model, first, None)
+
+    def _calibrated(self, model: str, first: list[bytes], calibration: Path | None) -> SensorModel:
         """The sensor of that model, with its calibration; the one there is if it is the same."""
         if model == HDL64E:
             if self._changed or not self._now.is_hdl64e:
-                return find_calibration(None, self._calibration, first if self._opened else ())
+                return find_calibration(None, calibration, first if self._opened else ())
             return self._now
         self._table = None
-        sensor = find_sensor(None, self._calibration, first, model)
+        sensor = find_sensor(None, calibration, first, model)
         if is_ouster(sensor.model) and not sensor.description:
             sensor = with_metadata(sensor, self._address_of(self._sender), self.label)
         same = (sensor.hash, sensor.origin) == (self._now.hash, self._now.origin)
