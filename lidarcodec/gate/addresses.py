@@ -41,9 +41,11 @@ def network_of(address: str) -> str:
 @dataclass(slots=True)
 class Address:
     """One address. unfinished: its connections without a session; shaking: those of them that are with Zenoh;
-    at_zenoh: those of them whose handshake goes on; turn: number of the last one that went on to Zenoh"""
+    at_zenoh: those of them whose handshake goes on; turn: number of the last one that went on to Zenoh; open: those
+    with a session, of which it is sure that they have one: standing"""
 
     name: str
+    network: str
     new: Bucket
     faults: Bucket
     trickle: Bucket
@@ -51,6 +53,7 @@ class Address:
     shaking: int = 0
     at_zenoh: int = 0
     open: int = 0
+    standing: int = 0
     turn: int = 0
     barred_until_s: float = 0.0
     known_until_s: float = 0.0
@@ -61,7 +64,7 @@ class Address:
 
     def known(self, now_s: float) -> bool:
         """Whether it had a session not long ago."""
-        return self.open > 0 or now_s < self.known_until_s
+        return self.standing > 0 or now_s < self.known_until_s
 
 
 class Addresses:
@@ -81,7 +84,7 @@ class Addresses:
             new = Bucket(limits.new_burst, limits.new_rate, now_s)
             faults = Bucket(limits.bar_after, 1.0 / limits.forgiven_s, now_s)
             trickle = Bucket(1.0, limits.barred_rate, now_s)
-            found = self._found[name] = Address(name, new, faults, trickle)
+            found = self._found[name] = Address(name, network_of(name), new, faults, trickle)
             if len(self._found) > MOST:
                 self._forget_one(now_s)
         self._found.move_to_end(name)
@@ -89,15 +92,14 @@ class Addresses:
 
     def turns(self, address: Address) -> tuple[int, int]:
         """For sorting: when the network of an address had its last turn, and when the address had. 0: never."""
-        return self._networks.get(network_of(address.name), 0), address.turn
+        return self._networks.get(address.network, 0), address.turn
 
     def has_turn(self, address: Address) -> None:
         """It is the turn of this address now."""
         self._turn += 1
         address.turn = self._turn
-        network = network_of(address.name)
-        self._networks[network] = self._turn
-        self._networks.move_to_end(network)
+        self._networks[address.network] = self._turn
+        self._networks.move_to_end(address.network)
         if len(self._networks) > MOST:
             self._networks.popitem(last=False)
 
@@ -113,10 +115,6 @@ class Addresses:
     def barred(self, now_s: float) -> int:
         """Number of addresses that are barred now."""
         return sum(one.barred(now_s) for one in self._found.values())
-
-    def greediest(self) -> Address | None:
-        """The address with the most unfinished connections."""
-        return max(self._found.values(), key=lambda one: one.unfinished, default=None)
 
     def _forget_one(self, now_s: float) -> None:
         """Of those without a connection: first strangers, then those that had a session."""

@@ -45,6 +45,9 @@ class Keeper:
         self._waiting: dict[int, Passage] = {}
         self._shaking: dict[int, Passage] = {}
         self._open: dict[int, Passage] = {}
+        self._of_network: Counter[str] = Counter()
+        """Connections without a session of each network, and those of them that are with Zenoh."""
+        self._shaking_of_network: Counter[str] = Counter()
         self._look = False
         """Whether a connection that waits may perhaps go on."""
         self._looked_s = now_s
@@ -107,6 +110,7 @@ class Keeper:
             passage = Passage(self.selector, client, address, port, now_s, self._changed)
             self._unfinished[id(passage)] = passage
             address.unfinished += 1
+            self._of_network[address.network] += 1
 
     def _refusal(self, address: Address, now_s: float) -> str | None:
         """Why an address may not have one more connection; makes room for it if it may."""
@@ -119,14 +123,33 @@ class Keeper:
             return "too_many_open"
         if address.unfinished >= limits.unfinished_address and not self._push_out(address):
             return "too_many_unfinished"
-        if len(self._unfinished) >= limits.unfinished:
-            greediest = self._addresses.greediest()
-            if greediest is None or greediest.unfinished <= 1 or not self._push_out(greediest):
-                oldest = next((one for one in self._unfinished.values() if one.stage is Stage.HELLO), None)
-                if oldest is None:
-                    return "too_many_unfinished"
-                self._end(oldest, "too_many_unfinished")
+        if len(self._unfinished) >= limits.unfinished and not self._make_room(address, now_s):
+            return "too_many_unfinished"
         return None
+
+    def _make_room(self, address: Address, now_s: float) -> bool:
+        """End a connection that is not with Zenoh for one more of an address; whether there was one.
+
+        Strangers give way first, then the network that has most, and in it the address; a connection that has sent its
+        ClientHello only to who is known or has fewer.
+        """
+
+        def rank(one: Passage) -> tuple[bool, int, int, bool]:
+            other = one.address
+            silent = one.stage is Stage.HELLO
+            return not other.known(now_s), self._of_network[other.network], other.unfinished, silent
+
+        held = [one for one in self._unfinished.values() if one.stage in (Stage.HELLO, Stage.WAITING)]
+        if not held:
+            return False
+        first = max(held, key=rank)
+        stranger, of_network, of_address, silent = rank(first)
+        known = address.known(now_s)
+        more = of_network > self._of_network[address.network] + 1 or of_address > address.unfinished + 1
+        if (not stranger and not known) or not (silent or more or (known and stranger)):
+            return False
+        self._end(first, "too_many_unfinished")
+        return True
 
     def _push_out(self, address: Address) -> bool:
         """End the oldest connection of an address that has sent no whole ClientHello; clients of Zenoh send it at once.
@@ -144,16 +167,23 @@ class Keeper:
         """Let connections go on to Zenoh: those of known addresses, and of all others, each while so few handshakes are
         under way or failed that Zenoh gets over it. The network that had a turn longest ago goes first, in it the
         address, and of those the newest: oldest first, all would wait until they are given up where too many come."""
+        full: set[tuple[bool, int, int]] = set()
         for one in sorted(self._waiting.values(), key=lambda one: (self._addresses.turns(one.address), -one.hello_s)):
             address = one.address
             known = address.known(now_s)
-            if address.at_zenoh >= self._limits.at_once or not self._has_room(address):
+            if address.at_zenoh >= self._limits.at_once or self._failing[known].held(now_s) < 1.0:
                 continue
-            if not self._failing[known].take(now_s):
+            has = known, self._shaking_of_network[address.network], address.shaking
+            if has in full:
                 continue
+            if not self._has_room(*has, now_s):
+                full.add(has)
+                continue
+            self._failing[known].take(now_s)
             self._addresses.has_turn(address)
             address.at_zenoh += 1
             address.shaking += 1
+            self._shaking_of_network[address.network] += 1
             del self._waiting[id(one)]
             self._shaking[id(one)] = one
             one.counts_as_failing, one.known = True, known
@@ -162,14 +192,22 @@ class Keeper:
             except OSError:
                 self._end(one, "unreachable")
 
-    def _has_room(self, address: Address) -> bool:
-        """Whether one more connection may be with Zenoh; makes room at the cost of an address that has more there."""
+    def _has_room(self, known: bool, of_network: int, of_address: int, now_s: float) -> bool:
+        """Whether one more connection may be with Zenoh, of an address that is known or not and has so many there, as
+        its network has. Makes room at the cost of strangers, then of the network, and the address, that has more."""
         if len(self._shaking) < self._limits.pending:
             return True
-        greediest = max((one.address for one in self._shaking.values()), key=lambda one: one.shaking)
-        if greediest.shaking <= address.shaking + 1:
+
+        def rank(one: Passage) -> tuple[bool, int, int]:
+            other = one.address
+            return not other.known(now_s), self._shaking_of_network[other.network], other.shaking
+
+        first = max(self._shaking.values(), key=rank)
+        stranger, its_network, its_address = rank(first)
+        more = its_network > of_network + 1 or its_address > of_address + 1
+        if (not stranger and not known) or not (more or (known and stranger)):
             return False
-        self._end(next(one for one in self._shaking.values() if one.address is greediest), "no_session")
+        self._end(first, "no_session")
         return True
 
     def _changed(self, passage: Passage, cause: str | None) -> None:
@@ -204,16 +242,33 @@ class Keeper:
         self._look = True
 
     def _opened(self, passage: Passage, now_s: float) -> None:
-        """A session stands."""
+        """It seems to have a session; of one who showed a certificate that is sure."""
         passage.progress, passage.stage = None, Stage.OPEN
-        del self._unfinished[id(passage)], self._shaking[id(passage)]
-        self._open[id(passage)] = passage
+        passage.opened_s = now_s
         address = passage.address
-        address.unfinished -= 1
-        address.shaking -= 1
+        self._ended_unfinished(passage)
+        self._open[id(passage)] = passage
         address.open += 1
-        address.known_until_s = now_s + self._limits.known_s
+        if self._limits.mutual:
+            self._stands(passage, now_s)
+
+    def _stands(self, passage: Passage, now_s: float) -> None:
+        """A session is sure."""
+        passage.opened_s = None
+        passage.address.standing += 1
+        passage.address.known_until_s = now_s + self._limits.known_s
         self._totals["sessions"] += 1
+
+    def _ended_unfinished(self, passage: Passage) -> None:
+        """It is no longer one of those without a session."""
+        address = passage.address
+        del self._unfinished[id(passage)]
+        self._waiting.pop(id(passage), None)
+        address.unfinished -= 1
+        _count_down(self._of_network, address.network)
+        if self._shaking.pop(id(passage), None) is not None:
+            address.shaking -= 1
+            _count_down(self._shaking_of_network, address.network)
 
     def _end_late(self, now_s: float) -> None:
         limits = self._limits
@@ -233,6 +288,8 @@ class Keeper:
                 self._end(one, "ended")
             elif one.stuck_for(now_s) > limits.stuck_s:
                 self._end(one, "stuck")
+            elif one.opened_s is not None and now_s - one.opened_s > limits.stands_s:
+                self._stands(one, now_s)
 
     def _end(self, passage: Passage, cause: str) -> None:
         """Close a connection, count why, and count it against its address where its handshake failed."""
@@ -243,13 +300,11 @@ class Keeper:
         if stage is Stage.OPEN:
             del self._open[id(passage)]
             address.open -= 1
+            address.standing -= passage.opened_s is None
             self._totals["bytes_in"] += passage.to_zenoh
             self._totals["bytes_out"] += passage.to_client
             return
-        del self._unfinished[id(passage)]
-        self._waiting.pop(id(passage), None)
-        address.unfinished -= 1
-        address.shaking -= self._shaking.pop(id(passage), None) is not None
+        self._ended_unfinished(passage)
         self._look = True
         if cause in REFUSED:
             self.refused[cause] += 1
@@ -259,6 +314,13 @@ class Keeper:
             self._totals["failed"] += 1
             if self._addresses.failed(address, now_s):
                 self.last_barred = address.name
+
+
+def _count_down(counts: Counter[str], name: str) -> None:
+    """One less; a name that has none is forgotten."""
+    counts[name] -= 1
+    if not counts[name]:
+        del counts[name]
 
 
 def _drop(client: socket.socket) -> None:

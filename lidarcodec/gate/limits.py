@@ -30,7 +30,9 @@ class Limits:
     pending:        connections without a session that are with Zenoh, of all addresses; its own limit is 100
     at_once:        handshakes of one address that are with Zenoh at a time
     mutual:         whether Zenoh asks clients for a certificate; then an address that passes the handshake is known
-    known_s:        how long an address stays known after its last session began, or its last handshake if `mutual`
+    stands_s:       time from which on a session is sure, where `mutual` is not: Zenoh has ended by then who has a wrong
+                    password, or none
+    known_s:        how long an address stays known after its last session was sure, or its last handshake if `mutual`
     """
 
     hello_s: float = 5.0
@@ -54,6 +56,7 @@ class Limits:
     pending: int = 80
     at_once: int = 8
     mutual: bool = False
+    stands_s: float = 15.0
     known_s: float = 86400.0
 
     def packed(self) -> str:

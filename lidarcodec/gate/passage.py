@@ -61,6 +61,8 @@ class Passage:
         self.ended_s: float | None = None
         self.counts_as_failing = False
         self.known = False
+        self.opened_s: float | None = None
+        """When it seemed to have a session, until that is sure."""
         self.progress: Progress | None = Progress()
         self.to_zenoh = self.to_client = 0
         self._selector, self._client, self._changed = selector, client, changed

@@ -221,7 +221,7 @@ def test_an_address_whose_handshakes_fail_is_barred_for_a_while(port: Callable[.
 def test_handshakes_that_may_fail_come_to_zenoh_few_at_a_time_and_known_addresses_first(
     port: Callable[..., Port],
 ) -> None:
-    gate = port(failing_burst=4, failing_rate=1)
+    gate = port(failing_burst=4, failing_rate=1, mutual=True)
     gate.session("127.0.0.9")
     for number in range(10, 20):
         gate.stranger(f"127.0.0.{number}", HELLO)
@@ -275,6 +275,51 @@ def test_where_clients_have_certificates_an_address_is_known_after_a_handshake(
     end.sendall(ANSWER)
     gate.through(end, client, len(ANSWER))
     assert gate.keeper._addresses.seen("127.0.0.2", 0.0).known(0.0) is mutual
+
+
+def test_without_certificates_a_session_is_sure_only_when_it_has_stood(port: Callable[..., Port]) -> None:
+    """What refuses a wrong password looks like a session from outside."""
+    gate = port()
+    client, end = gate.session()
+    assert gate.keeper.state()["sessions"] == 0
+    end.close()
+    client.close()
+    gate.is_(open=0)
+    address = gate.keeper._addresses.seen("127.0.0.2", 0.0)
+    assert not address.known(0.0)
+    gate.session()
+    gate.now_s = 15.3
+    gate.is_(sessions=1, open=1)
+    assert address.known(gate.now_s)
+
+
+def test_strangers_that_wait_keep_nobody_out_who_had_a_session(port: Callable[..., Port]) -> None:
+    """Addresses of many networks fill all places with a ClientHello each; who is known gets one, and keeps it."""
+    gate = port(unfinished=6, failing_burst=1, failing_rate=0.001, mutual=True)
+    gate.session("127.0.9.9")
+    strangers = [gate.stranger(f"127.{number}.0.1", HELLO) for number in range(1, 8)]
+    gate.is_(unfinished=6, waiting=5)
+    known = gate.stranger("127.0.9.9")
+    gate.refused("too_many_unfinished", 2)
+    strangers += [gate.stranger(f"127.{number}.0.1", HELLO) for number in range(11, 20)]
+    gate.refused("too_many_unfinished", 11)
+    known.sendall(HELLO)
+    assert gate.run(lambda: any(one.address.name == "127.0.9.9" for one in gate.keeper._shaking.values()))
+
+
+@pytest.mark.parametrize("host", ["127.0.9.9", "127.8.0.1"])
+def test_strangers_that_are_with_zenoh_give_way_to_who_is_known_and_to_networks_that_have_less(
+    port: Callable[..., Port], host: str
+) -> None:
+    gate = port(pending=3, failing_burst=50, mutual=True)
+    gate.session("127.0.9.9")
+    networks = ["127.1.0.1", "127.2.0.1", "127.3.0.1"] if host == "127.0.9.9" else [f"127.1.0.{n}" for n in (1, 2, 3)]
+    for number, one in enumerate(networks, 1):
+        gate.stranger(one, HELLO)
+        gate.is_(unfinished=number, waiting=0)
+    gate.stranger(host, HELLO)
+    gate.refused("no_session", 1)
+    gate.is_(unfinished=3, waiting=0)
 
 
 def test_new_connections_of_an_address_have_a_rate(port: Callable[..., Port]) -> None:
