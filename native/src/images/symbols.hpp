@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <vector>
 
 #include "images/decisions.hpp"
@@ -24,14 +25,13 @@ class SymbolCoder {
       begin_[i] = total;
       total += kSizes[i];
     }
-    cells_.resize(std::size_t{total} * kRecord);
-    for (std::uint32_t i = 0; i < kSizes[0]; ++i) expect(i, 4 * (i / 4) + 2);
+    place_.resize(total);
   }
 
   template <class Stream>
   std::uint32_t code(Stream& stream, std::uint32_t value, const Contexts& contexts, std::int16_t rate) {
     std::array<Cells*, N> cells;
-    for (std::size_t i = 0; i < N; ++i) cells[i] = cells_.data() + std::size_t{begin_[i] + contexts[i]} * kRecord;
+    for (std::size_t i = 0; i < N; ++i) cells[i] = record(begin_[i] + contexts[i]);
     const std::uint32_t high = stream.template by_cells<4>(value >> 4, cells, rate);
     for (Cells*& of : cells) of += 2 + 2 * high;
     return 16 * high + stream.template by_cells<4>(value & 15u, cells, rate);
@@ -40,9 +40,22 @@ class SymbolCoder {
  private:
   static constexpr std::size_t kRecord =
       34;  // Cells of a context: for the upper four levels, then for each of their ends
+  static constexpr std::size_t kBlock = 32;  // records that are made at once
+
+  // The cells of a context. Most contexts never come in a small frame, and their cells are not made.
+  Cells* record(std::uint32_t context) {
+    std::uint16_t& place = place_[context];
+    if (place == 0) {
+      if (made_ % kBlock == 0) blocks_.push_back(std::make_unique<Cells[]>(kBlock * kRecord));
+      place = ++made_;
+      if (context < kSizes[0]) expect(at(place), 4 * (context / 4) + 2);
+    }
+    return at(place);
+  }
+  Cells* at(std::size_t place) { return &blocks_[(place - 1) / kBlock][(place - 1) % kBlock * kRecord]; }
 
   // Log odds that decrease on both sides of `centre`, by a factor of e in 32 leaves.
-  void expect(std::uint32_t record, std::uint32_t centre) {
+  static void expect(Cells* cells, std::uint32_t centre) {
     std::array<Odds, 8 * kRecord> odds{};
     for (std::uint32_t level = 0; level < 8; ++level) {
       const std::int32_t half = 1 << (8 - level);  // of the leaves below, in half leaves
@@ -55,11 +68,13 @@ class SymbolCoder {
         odds[node] = static_cast<Odds>(off * 21845 / 256);
       }
     }
-    std::memcpy(static_cast<void*>(cells_.data() + std::size_t{record} * kRecord), odds.data(), sizeof odds);
+    std::memcpy(static_cast<void*>(cells), odds.data(), sizeof odds);
   }
 
   Contexts begin_{};
-  std::vector<Cells> cells_;
+  std::uint16_t made_ = 0;
+  std::vector<std::uint16_t> place_;  // of each context's record, from 1 on; 0: it was not made yet
+  std::vector<std::unique_ptr<Cells[]>> blocks_;
 };
 
 }  // namespace lidarcodec
