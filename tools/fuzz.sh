@@ -37,7 +37,7 @@ for harness in native/fuzz/fuzz_*.cpp; do
   case " ${ONLY:-$name} " in *" $name "*) ;; *) continue ;; esac
   echo "== $name"
   libraries='' longest=4096
-  if [ "$name" = fuzz_session ]; then
+  if [ "$name" = fuzz_session ] || [ "$name" = fuzz_others ]; then
     libraries="-Inative/include -lzstd -lz" longest=24000
     if ! echo '#include <zlib.h>
 #include <zstd.h>' | "${clang:-${CXX:-c++}}" -x c++ -fsyntax-only - 2>/dev/null; then

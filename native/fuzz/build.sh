@@ -20,7 +20,7 @@ done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-l
 for harness in "$here"/fuzz_*.cpp; do
   name=$(basename "$harness" .cpp) libraries=
   case " ${ONLY:-$name} " in *" $name "*) ;; *) continue ;; esac
-  if [ "$name" = fuzz_session ]; then
+  if [ "$name" = fuzz_session ] || [ "$name" = fuzz_others ]; then
     libraries="-I$here/../include -lzstd -lz"
     echo '#include <zlib.h>
 #include <zstd.h>' | "$clangxx" -x c++ -fsyntax-only - 2>/dev/null || { echo "$name needs the headers of zstd and zlib: it is left out" >&2; continue; }

@@ -32,6 +32,7 @@ from tests.conftest import data_folder
 from tests.fuzz.mutations import mutated
 from tests.point_clouds import message, velodyne
 from tests.sensors.captures import CAPTURES
+from tests.sensors.made_frames import made_frames, made_layouts
 from tests.sensors.ouster_packets import CAPTURES as OUSTERS
 from tests.sensors.ouster_packets import FOLDER
 
@@ -274,3 +275,20 @@ def test_intensities_of_more_bits_than_any_frame_has_are_a_decode_error() -> Non
     sections = tuple(wide if one.type == SectionType.PLANES else one for one in message.sections)
     with pytest.raises(SectionError, match="intensities of 17 bits, more than 16"):
         StreamDecoder().decode(replace(message, sections=sections))
+
+
+@pytest.mark.parametrize("model", [sensor.model for sensor, layout in made_layouts() if layout.startswith("dual")])
+def test_numbers_of_a_series_mean_the_same_in_any_type_that_holds_them(model: str) -> None:
+    sensor, layout = next(one for one in made_layouts() if one[0].model == model)
+    (frame,) = made_frames(sensor, layout, 2, 1)
+    (coded,) = StreamEncoder(settings_from({"codec": "raw"}), 7).encode(frame)
+    rest = decode_rest(coded.section(SectionType.REST), coded.packets)
+    shown = []
+    small = {name: values if name in ("mode", "status") else values % 251 for name, values in rest.series.items()}
+    narrow = {name: values.astype(np.uint8) if int(values.max()) < 251 else values for name, values in small.items()}
+    for series in (small, narrow):
+        said = Section(SectionType.REST, encode_rest(replace(rest, series=series)))
+        sections = tuple(said if one.type == SectionType.REST else one for one in coded.sections)
+        (decoded,) = StreamDecoder().decode(replace(coded, sections=sections))
+        shown.append((decoded.azimuth.tobytes(), decoded.cloud("all").tobytes(), in_microseconds(packets_of(decoded))))
+    assert shown[0] == shown[1]

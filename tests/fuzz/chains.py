@@ -76,9 +76,11 @@ class Chain:
             at = at + 1 if goes_on else self._led_to(decoder, self._start(rng, 3))
 
     def _start(self, rng: random.Random, deepest: int) -> int:
-        """The number of a message to begin with: one of the first ones, or any."""
+        """The number of a message to begin with: one of the first ones behind a key message, or any."""
         count = len(self.stream.parts)
-        return rng.randrange(count if rng.random() < _ANYWHERE else min(count, deepest))
+        keys = [at for at, message in enumerate(self.stream.parts) if message.key and self.stream.parts[0].planes]
+        first = rng.choice(keys) if len(keys) > 1 else 0
+        return rng.randrange(count) if rng.random() < _ANYWHERE else rng.randrange(first, min(count, first + deepest))
 
     def _led_to(self, decoder: StreamDecoder, at: int) -> int:
         """The message's number, once a decoder has read the valid ones that it needs."""
@@ -128,6 +130,8 @@ def decode_all(decoder: StreamDecoder, data: bytes) -> None:
     for frame in decoder.decode(unpack(data)):
         frame.cloud()
         filled(frame).cloud()
+        if not frame.sensor.is_hdl64e:
+            frame.cloud("all")
         if frame.side is not None:
             packets_of(frame)
 

@@ -102,3 +102,29 @@ WEIGHTS: Named = {
     "riddle free updates": {"codec": "riddle", "max_error_m": 0.05},
 }
 """Streams that bring networks of their own."""
+
+OTHERS: Named = {
+    **{name: {"codec": name} for name in ("raw", "zstd", "pcodec", "predictive", "riddle")},
+    "riddle alone": {"codec": "riddle", "codec_settings": {"memory": False}},
+    "zstd bounded": {"codec": "zstd", "max_error_m": 0.05, "intensity": "off"},
+    "pcodec levels": {"codec": "pcodec", "intensity": "levels=16"},
+    "predictive bounded": {"codec": "predictive", "max_error_m": 0.3, "intensity": "levels=8"},
+    "riddle bounded": {"codec": "riddle", "max_error_m": 0.05, "intensity": "error=6"},
+    "riddle widest bound": {"codec": "riddle", "max_error_m": 20.0, "intensity": "levels=2"},
+    "raw lattice": {"codec": "raw", "reduction": "lattice:3", "intensity": "error=9"},
+    "predictive lattice": {"codec": "predictive", "reduction": "lattice:2"},
+    "riddle lattice": {"codec": "riddle", "reduction": "lattice:2", "max_error_m": 0.1},
+    "zstd columns": {"codec": "zstd", "reduction": "columns:2"},
+    "riddle random": {"codec": "riddle", "reduction": "random", "keep_fraction": 0.4},
+    "riddle look": {"codec": "riddle", "target_kbps": 60.0, "purpose": "look"},
+    "predictive detect": {"codec": "predictive", "target_kbps": 100.0, "purpose": "detect"},
+    "zstd archive": {"codec": "zstd", "target_kbps": 400.0, "purpose": "archive"},
+}
+"""Streams of other sensors than the HDL-64E, by the codecs that take them."""
+
+CLOUDS: Named = {
+    **{name: {"codec": name} for name in ("raw", "zstd", "pcodec", "predictive", "riddle")},
+    "zstd bounded": {"codec": "zstd", "max_error_m": 0.02},
+    "riddle bounded": {"codec": "riddle", "max_error_m": 0.5},
+}
+"""Streams of point clouds."""

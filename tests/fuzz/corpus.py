@@ -27,10 +27,11 @@ from lidarcodec.network.networks import CASES, Net
 from lidarcodec.network.shelf import native_nets, networks_of, weights_of
 from lidarcodec.network.update import update_of
 from lidarcodec.network.weight_file import pack_weights
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
-from tests.fuzz import configurations, extremes, native_seeds
+from tests.fuzz import configurations, extremes, native_seeds, other_sensors
 
 
 class Stream(NamedTuple):
@@ -62,18 +63,29 @@ class Plan(NamedTuple):
     @property
     def reduced(self) -> bool:
         """Whether returns were left out of frames of all columns."""
-        return self.name in configurations.REDUCED
+        return not self.thinned and "reduction" in self.settings
 
     @property
     def thinned(self) -> bool:
         """Whether columns were left out."""
-        return self.name in configurations.THINNED
+        return str(self.settings.get("reduction")).startswith("lattice")
+
+    @property
+    def other(self) -> bool:
+        """Whether its frames are of another sensor than an HDL-64E, or point clouds."""
+        return self.size in other_sensors.SIZES
+
+    @property
+    def follows(self) -> bool:
+        """Whether each frame of another sensor goes on from what the one before taught."""
+        own = self.settings.get("codec_settings", {})
+        return self.other and self.size != "clouds" and self.settings["codec"] == "riddle" and own.get("memory", True)
 
     @property
     def free(self) -> bool:
         """Whether ranges are free within a bound."""
         bounded = self.settings["codec"] in ("riddle", "predictive") and "max_error_m" in self.settings
-        return bounded and self.settings.get("shape") != "rounded"
+        return not self.other and bounded and self.settings.get("shape") != "rounded"
 
     @property
     def few(self) -> bool:
@@ -95,6 +107,8 @@ SHARES = {
     "positions": 2.0,
     "widest": 0.03,
 }
+OTHER_SHARES = {model: {"os0-128": 0.3, "os0-16": 1.5, "clouds": 5.0}.get(model, 1.0) for model in other_sensors.SIZES}
+_MODELS = tuple(model for model in other_sensors.SIZES if model != "clouds")
 _FAR_NS = 2**62
 _SOME = ("extremes", "tiny", "slab", "full-size")
 _OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
@@ -107,14 +121,17 @@ _OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
     (configurations.THINNED, 3 / 4, ("extremes", "slab", "positions", "full-size")),
     (configurations.AIMED, 1, ("slab", "full-size")),
     (configurations.WEIGHTS, 1 / 4, ("tiny", "slab", "full-size")),
+    (configurations.OTHERS, 1, _MODELS),
+    (configurations.CLOUDS, 1, ("clouds",)),
 )
 """Configurations, how much of a size's share each gets, and in which sizes it is made."""
 
 
 def plans() -> list[Plan]:
     """All configurations."""
+    shares = SHARES | OTHER_SHARES
     return [
-        Plan(name, given, size, SHARES[size] * part, weights=of is configurations.WEIGHTS)
+        Plan(name, given, size, shares[size] * part, weights=of is configurations.WEIGHTS)
         for of, part, sizes in _OF
         for name, given in of.items()
         for size in sizes
@@ -125,8 +142,16 @@ def _coded(settings: dict[str, Any], made: list[Frame]) -> tuple[bytes, ...]:
     encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
     if settings["codec"] == "jpeg-layered":  # a group whose frames lie centuries apart is refused
         made = [frame for frame in made if abs(frame.stamp_ns) < _FAR_NS]
-    messages = [message for frame in made for message in encoder.encode(frame, key=frame.index == made[0].index)]
+    begins = zip(made, [None, *made[:-1]], strict=True)
+    messages = [message for frame, before in begins for message in encoder.encode(frame, key=_begins(frame, before))]
     return tuple(map(pack, messages + encoder.flush()))
+
+
+def _begins(frame: Frame, before: Frame | None) -> bool:
+    """Whether a frame is sent as a key frame: the first one, and of other sensors each after one of another kind."""
+    if before is None or not isinstance(frame.side, PacketRest) or not isinstance(before.side, PacketRest):
+        return before is None
+    return (frame.sensor.hash, frame.side.layout) != (before.sensor.hash, before.side.layout)
 
 
 class _Taught:
@@ -182,7 +207,8 @@ def stream(plan: Plan, seed: int) -> Stream:
     coded = _coded
     if plan.weights:
         coded = _with_updates if "updates" in plan.name else _with_weights
-    return Stream.of(plan, coded(plan.settings, extremes.SIZES[plan.size](seed)))
+    made = (extremes.SIZES | other_sensors.SIZES)[plan.size](seed)
+    return Stream.of(plan, coded(plan.settings, made))
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 from lidarcodec.wire import pack
 from lidarcodec.wire.header import MAX_FRAMES
 from tests.fuzz.inside import damaged_lattice, damaged_positions
+from tests.fuzz.inside_others import damaged_cloud, damaged_description, damaged_planes, damaged_rest
 from tests.fuzz.mutations import wounded
 
 CODECS = 11
@@ -42,7 +43,7 @@ def damaged(message: Message, others: Sequence[Section], rng: random.Random) -> 
     sections, fields = list(message.sections), {}
     if (kind := rng.random()) < 0.8:
         for _ in range(rng.choice((1, 1, 2))):
-            _harm(sections, others, message.codec, rng)
+            _harm(sections, others, message, rng)
     if kind > 0.7:
         fields = _other_fields(message, rng)
     try:
@@ -51,7 +52,7 @@ def damaged(message: Message, others: Sequence[Section], rng: random.Random) -> 
         return pack(replace(message, sections=tuple(sections)))
 
 
-def _harm(sections: list[Section], others: Sequence[Section], codec: int, rng: random.Random) -> None:
+def _harm(sections: list[Section], others: Sequence[Section], message: Message, rng: random.Random) -> None:
     if not sections:
         return
     at = rng.randrange(len(sections))
@@ -70,11 +71,22 @@ def _harm(sections: list[Section], others: Sequence[Section], codec: int, rng: r
         case 4:
             sections.append(rng.choice(others))
         case _:
-            sections[at] = section._replace(data=_sealed(section, sections, codec, rng))
+            sections[at] = section._replace(data=_sealed(section, sections, message, rng))
 
 
-def _sealed(section: Section, sections: list[Section], codec: int, rng: random.Random) -> bytes:
+def _sealed(section: Section, sections: list[Section], message: Message, rng: random.Random) -> bytes:
     """A section's bytes, damaged, with the checksums and names that they carry made right; now and then not all."""
+    codec = message.codec
+    if message.planes and rng.random() < 0.6:
+        match section.type:
+            case SectionType.CALIBRATION:
+                return damaged_description(section.data, rng)
+            case SectionType.PLANES:
+                return damaged_planes(section.data, rng)
+            case SectionType.REST:
+                return damaged_rest(section.data, message.packets, rng)
+            case SectionType.CLOUD:
+                return damaged_cloud(section.data, rng)
     if section.type == SectionType.CALIBRATION and rng.random() < 0.3:
         return encode_calibration(_wild_sensor(rng), key=True, plain=rng.random() < 0.5)
     if section.type == SectionType.LATTICE and rng.random() < 0.7:

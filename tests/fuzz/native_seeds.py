@@ -6,6 +6,7 @@ made here, and a section is written for it by the encoder, so that the harness d
 
 from __future__ import annotations
 
+import random
 import struct
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -18,6 +19,8 @@ from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.entropy import fast, plane_coder
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
 from tests.fuzz import extremes, session_seeds
+from tests.fuzz.inside_others import damaged_json
+from tests.sensors.ouster_packets import PIXELS, as_json, flat_metadata, nested_metadata
 
 Mask = npt.NDArray[np.bool_]
 _WHOLE = -1
@@ -268,6 +271,23 @@ def streams(rng: np.random.Generator) -> Iterator[bytes]:
     return session_seeds.sessions(int(rng.integers(0, 100)))
 
 
+def streams_of_others(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_others: the same of other sensors than the HDL-64E."""
+    return session_seeds.others(int(rng.integers(0, 100)))
+
+
+def metadata(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_metadata: the metadata of Ousters, flat and nested, whole and with a part changed."""
+    numbers = random.Random(int(rng.integers(0, 1 << 30)))
+    for profile in PIXELS:
+        flat = flat_metadata(profile, 16, "OS-0-16")
+        for tree in (flat, nested_metadata(flat)):
+            whole = as_json(tree)
+            yield whole
+            for _ in range(12):
+                yield damaged_json(whole, numbers)
+
+
 class _Form(NamedTuple):
     name: str
     bits: int
@@ -326,6 +346,8 @@ HARNESSES = {
     "fuzz_warp": plain,
     "fuzz_mask_stream": streams_of_masks,
     "fuzz_session": streams,
+    "fuzz_others": streams_of_others,
+    "fuzz_metadata": metadata,
 }
 """Where the inputs of each harness come from."""
 

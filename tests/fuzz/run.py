@@ -28,7 +28,7 @@ from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
 from tests.fuzz.campaign import LARGEST_MIB, SLOWEST_S, block
 from tests.fuzz.chains import CASES, decode_all
-from tests.fuzz.corpus import SHARES, plans, stream
+from tests.fuzz.corpus import OTHER_SHARES, SHARES, plans, stream
 from tests.fuzz.mutations import mutated
 from tests.packets import sensor, turning
 
@@ -85,13 +85,14 @@ def targets() -> dict[str, Target]:
     """Everything that is fuzzed, by name."""
     from tests.fuzz.files import capture_target, recording_target, rosbag_target  # they need the readers; kept apart
     from tests.fuzz.images import image_targets
+    from tests.fuzz.sensors import sensor_targets
     from tests.fuzz.weights import weights_target
 
     found: dict[str, Target] = {"packets": packet_target, "packet lengths": length_target}
     for codec in table.names():
         found[f"{codec} messages"] = message_target(codec)
     files = {"captures": capture_target(), "recordings": recording_target(), "bags": rosbag_target()}
-    return found | image_targets() | files | {"riddle weights": weights_target()}
+    return found | image_targets() | files | {"riddle weights": weights_target()} | sensor_targets()
 
 
 def peak_mib() -> int:
@@ -99,13 +100,14 @@ def peak_mib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
 
-def run(cases: int, seed: int, crash_dir: Path) -> dict[str, Counter[str]]:
-    """Outcome counts by target of `cases` cases in all.
+def run(cases: int, seed: int, crash_dir: Path, only: str = "") -> dict[str, Counter[str]]:
+    """Outcome counts by target of `cases` cases in all. only: what the names of targets hold.
 
     Raises whatever is not an error of the project, with the bytes kept in `crash_dir`.
     """
     outcomes: dict[str, Counter[str]] = {}
-    todo, before = targets(), peak_mib()
+    todo = {name: make for name, make in targets().items() if only in name}
+    before = peak_mib()
     for name, make in todo.items():
         counts = outcomes[name] = Counter()
         for number in range(-(-cases // len(todo))):
@@ -128,7 +130,7 @@ def run(cases: int, seed: int, crash_dir: Path) -> dict[str, Counter[str]]:
     return outcomes
 
 
-def run_sealed(cases: int, seed: int, kept: Path, sizes: Collection[str] = SHARES) -> dict[str, Counter[str]]:
+def run_sealed(cases: int, seed: int, kept: Path, sizes: Collection[str] = (*SHARES, *OTHER_SHARES)) -> dict[str, Counter[str]]:
     """The same of damaged messages with right checksums, in all configurations of these sizes, each its share.
 
     Raises AssertionError for what broke a rule, with every message that led to it kept in a folder.
@@ -149,12 +151,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", help="targets whose name holds this, and no sealed messages")
     parser.add_argument("--crashes", type=Path, default=Path("crash-found"))
     options = parser.parse_args()
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
     began = time.perf_counter()
-    outcomes = run(options.cases * 3 // 4, options.seed, options.crashes)
-    outcomes |= run_sealed(options.cases // 4, options.seed, options.crashes)
+    outcomes = run(options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, options.only)
+    if not options.only:
+        outcomes |= run_sealed(options.cases // 4, options.seed, options.crashes)
     for name, counts in outcomes.items():
         listed = ", ".join(f"{what} {n}" for what, n in counts.most_common())
         print(f"{name:45} {counts.total():7} cases: {listed}")

@@ -29,8 +29,7 @@ from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
-from tests.fuzz import configurations, extremes
-from tests.sensors.made_frames import made_frames, made_layouts
+from tests.fuzz import configurations, extremes, other_sensors
 from tests.vectors.make import split
 
 CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
@@ -124,21 +123,16 @@ def _golden(path: Path) -> list[Message]:
     return messages
 
 
-def _others() -> Iterator[list[Message]]:
-    """Short frames of other sensors, each layout by each kind of planes, with tables, steps and few columns."""
-    ways: list[dict[str, Any]] = [
-        {"codec": "raw"},
-        {"codec": "zstd", "max_error_m": 0.05},
-        {"codec": "raw", "reduction": "lattice:3", "intensity": "levels=7"},
-        {"codec": "predictive", "intensity": "error=9"},
-        {"codec": "pcodec", "intensity": "off"},
-    ]
-    few = [(sensor, layout) for sensor, layout in made_layouts() if sensor.rows <= 40 or sensor.model == "vls128"]
-    for number, (sensor, layout) in enumerate(few):
-        for at in (number, number + 2):
-            encoder = StreamEncoder(settings_from({"key_interval": 2, **ways[at % len(ways)]}), stream_id=1)
-            made = made_frames(sensor, layout, 1, 3)[1:]  # the second has an odd packet
-            yield [_described(message) for frame in made for message in encoder.encode(frame)]
+def _others(seed: int) -> Iterator[list[Message]]:
+    """A few frames of every other sensor, by each kind of planes, with tables, steps, few columns and few returns."""
+    models = [model for model in other_sensors.SIZES if model not in ("clouds", "os0-128")]
+    for place, model in enumerate(models):
+        made = other_sensors.SIZES[model](seed)
+        for number, settings in enumerate(configurations.OTHERS.values()):
+            at, count = (4 * number + 7 * place) % (len(made) - 3), 3 if settings["codec"] == "riddle" else 2
+            encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
+            coded = [encoder.encode(frame) for frame in made[at : at + count]]
+            yield [_described(message) for messages in coded for message in messages]
 
 
 def _streams(seed: int) -> Iterator[list[Message]]:
@@ -152,7 +146,6 @@ def _streams(seed: int) -> Iterator[list[Message]]:
     for codec in CODECS:
         for at in range(0, len(small), _MESSAGES):
             yield _coded({"codec": codec}, small[at : at + _MESSAGES])
-    yield from _others()
     for path in sorted(_GOLDEN.glob("v1_*.bin")):
         if path.stem.split("_")[1] in CODECS:
             yield _golden(path)
@@ -165,7 +158,16 @@ def _input(way: int, messages: Iterable[Message]) -> bytes:
 
 def sessions(seed: int) -> Iterator[bytes]:
     """Streams by the class and by the C interface, with and without calls between messages."""
-    for number, messages in enumerate(_streams(seed)):
+    return _inputs(_streams(seed))
+
+
+def others(seed: int) -> Iterator[bytes]:
+    """The same of other sensors than the HDL-64E."""
+    return _inputs(_others(seed))
+
+
+def _inputs(streams: Iterable[list[Message]]) -> Iterator[bytes]:
+    for number, messages in enumerate(streams):
         for way in (0, 1, 2 * number + 1 & 255):
             data = _input(way, messages[:_MESSAGES])
             if len(data) < _MOST_BYTES:
