@@ -129,7 +129,8 @@ def decode_all(decoder: StreamDecoder, data: bytes) -> None:
     """Everything a receiver does with the bytes of a message."""
     for frame in decoder.decode(unpack(data)):
         frame.cloud()
-        filled(frame).cloud()
+        if (shown := filled(frame)) is not frame:
+            shown.cloud()
         if not frame.sensor.is_hdl64e:
             frame.cloud("all")
         if frame.side is not None:

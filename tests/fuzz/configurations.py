@@ -103,8 +103,11 @@ WEIGHTS: Named = {
 }
 """Streams that bring networks of their own."""
 
+OTHER_PLAIN: Named = {name: {"codec": name} for name in ("raw", "zstd", "pcodec", "predictive", "riddle")}
+"""The codecs that take other sensors than the HDL-64E, and point clouds, each as it is by default."""
+
 OTHERS: Named = {
-    **{name: {"codec": name} for name in ("raw", "zstd", "pcodec", "predictive", "riddle")},
+    **OTHER_PLAIN,
     "riddle alone": {"codec": "riddle", "codec_settings": {"memory": False}},
     "zstd bounded": {"codec": "zstd", "max_error_m": 0.05, "intensity": "off"},
     "pcodec levels": {"codec": "pcodec", "intensity": "levels=16"},
@@ -120,10 +123,10 @@ OTHERS: Named = {
     "predictive detect": {"codec": "predictive", "target_kbps": 100.0, "purpose": "detect"},
     "zstd archive": {"codec": "zstd", "target_kbps": 400.0, "purpose": "archive"},
 }
-"""Streams of other sensors than the HDL-64E, by the codecs that take them."""
+"""Other settings of these codecs, each of which another part of a message follows."""
 
 CLOUDS: Named = {
-    **{name: {"codec": name} for name in ("raw", "zstd", "pcodec", "predictive", "riddle")},
+    **OTHER_PLAIN,
     "zstd bounded": {"codec": "zstd", "max_error_m": 0.02},
     "riddle bounded": {"codec": "riddle", "max_error_m": 0.5},
 }

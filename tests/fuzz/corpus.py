@@ -108,7 +108,6 @@ SHARES = {
     "widest": 0.03,
 }
 OTHER_SHARES = {model: {"os0-128": 0.3, "os0-16": 1.5, "clouds": 5.0}.get(model, 1.0) for model in other_sensors.SIZES}
-_MODELS = tuple(model for model in other_sensors.SIZES if model != "clouds")
 _FAR_NS = 2**62
 _SOME = ("extremes", "tiny", "slab", "full-size")
 _OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
@@ -121,7 +120,8 @@ _OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
     (configurations.THINNED, 3 / 4, ("extremes", "slab", "positions", "full-size")),
     (configurations.AIMED, 1, ("slab", "full-size")),
     (configurations.WEIGHTS, 1 / 4, ("tiny", "slab", "full-size")),
-    (configurations.OTHERS, 1, _MODELS),
+    (configurations.OTHERS, 1, ("vlp16", "pandar64", "xt32", "os0-16")),
+    (configurations.OTHER_PLAIN, 1, ("puck_hires", "hdl32e", "vlp32c", "vls128", "pandar40p", "qt64", "qt128", "xt16", "xt32m", "os0-128")),
     (configurations.CLOUDS, 1, ("clouds",)),
 )
 """Configurations, how much of a size's share each gets, and in which sizes it is made."""

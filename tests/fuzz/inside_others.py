@@ -17,7 +17,7 @@ import zstandard
 
 from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
 from lidarcodec.entropy.varint import VarintReader, put_varint
-from lidarcodec.entropy.zstd_frames import compress
+from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.clouds.section import COLUMNS, ZSTD
@@ -68,7 +68,8 @@ def damaged_json(data: bytes, rng: random.Random) -> bytes:
     """A JSON with a value that is another one, missing, or repeated; or its bytes wounded."""
     try:
         tree = json.loads(data)
-    except ValueError:
+        tree = tree if isinstance(tree, dict | list) else {}
+    except (ValueError, RecursionError):
         return rng.choice((wounded(data, rng), b"{}", b"[" * 5000, b'{"a":' * 300 + b"1"))
     places: list[tuple[Any, Any]] = []
     _collect(tree, places)
@@ -206,8 +207,9 @@ def _other_head(head: bytes, rng: random.Random) -> bytes:
 def _unpacked(data: bytes) -> bytes | None:
     """The bytes of a zstd frame; None if it is none, or too long."""
     try:
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=_MOST)
-    except zstandard.ZstdError:
+        size = zstandard.get_frame_parameters(data[:18]).content_size
+        return decompress(data, size) if size <= _MOST else None
+    except (LidarCodecError, zstandard.ZstdError):
         return None
 
 
