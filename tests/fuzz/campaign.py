@@ -132,9 +132,10 @@ def _keep(chain: Chain, wrong: str, kept: Path) -> str:
 class Campaign:
     """The run. state: its folder; whatever is in it is gone on with."""
 
-    def __init__(self, state: Path, seed: int, only: str = "") -> None:
+    def __init__(self, state: Path, seed: int, only: str = "", *, others: bool = False) -> None:
         self._folder, self._seed = state, seed
-        self.plans = {f"{plan.name}, {plan.size}": plan for plan in plans() if only in f"{plan.name}, {plan.size}"}
+        chosen = {f"{plan.name}, {plan.size}": plan for plan in plans() if plan.other or not others}
+        self.plans = {name: plan for name, plan in chosen.items() if only in name}
         self.counts: dict[str, Counts] = {name: Counts() for name in self.plans}
         self._stopped = False
         if (kept := state / "state.json").exists():
@@ -227,12 +228,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--state", type=Path, default=Path("build/fuzz/campaign"))
     parser.add_argument("--only", default="", help="configurations whose name holds this")
+    parser.add_argument("--others", action="store_true", help="only sensors beside the HDL-64E, and point clouds")
     options = parser.parse_args()
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
     options.state.mkdir(parents=True, exist_ok=True)
     for name in table.names():
         table.codec(name)  # imported before children are made
-    campaign = Campaign(options.state, options.seed, options.only)
+    campaign = Campaign(options.state, options.seed, options.only, others=options.others)
     for stop in STOPS:
         signal.signal(stop, campaign.stop)
     began, before, told = time.monotonic(), campaign.total, 0.0
