@@ -2,7 +2,8 @@
 
     python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
 
-Several folders are counted together: each core can have a run of its own, with a seed of its own.
+Several folders are counted together: each core can have a run of its own, with a seed of its own. Other sensors than
+the HDL-64E have tables of their own; tables of which the folders hold no case stay as they are.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from tests.fuzz.campaign import Counts
 from tests.fuzz.corpus import Plan, plans
 
 BEGIN, END = "<!-- messages: begin -->\n", "<!-- messages: end -->\n"
+BEGIN_OTHERS, END_OTHERS = "<!-- other messages: begin -->\n", "<!-- other messages: end -->\n"
 _SHORT = {
     "decoded": "decoded",
     "MissingReferenceError": "reference",
@@ -48,6 +50,8 @@ def _joined(parts: Iterable[Counts]) -> Counts:
 
 
 _KINDS: dict[str, Callable[[Plan], bool]] = {
+    "frames that follow": lambda plan: plan.follows,
+    "ranges within a bound": lambda plan: plan.other and "max_error_m" in plan.settings,
     "free ranges": lambda plan: plan.free,
     "fewer columns": lambda plan: plan.thinned,
     "fewer returns": lambda plan: plan.reduced,
@@ -62,7 +66,8 @@ def _groups(chosen: Chosen) -> Iterable[tuple[str, Counts]]:
     for size in dict.fromkeys(plan.size for plan, _ in chosen):
         yield f"**all of {size}**", _joined(counts for plan, counts in chosen if plan.size == size)
     for name, has in _KINDS.items():
-        yield f"**all with {name}**", _joined(counts for plan, counts in chosen if has(plan))
+        if any(has(plan) for plan, _ in chosen):
+            yield f"**all with {name}**", _joined(counts for plan, counts in chosen if has(plan))
     yield "**all**", _joined(counts for _, counts in chosen)
 
 
@@ -85,9 +90,15 @@ def _read(states: Iterable[Path]) -> tuple[list[int], Chosen]:
     return seeds, [(known[name], counts) for name, counts in found.items() if counts.cases]
 
 
-def tables(*states: Path) -> str:
-    """The tables of the runs in some folders, their cases together, and what broke a rule."""
-    seeds, chosen = _read(states)
+def tables(*states: Path, others: bool = False) -> str:
+    """The tables of the runs in some folders, their cases together, and what broke a rule; empty without cases.
+
+    others: those of other sensors than the HDL-64E
+    """
+    seeds, found_there = _read(states)
+    chosen = [(plan, counts) for plan, counts in found_there if plan.other == others]
+    if not chosen:
+        return ""
     if len(set(seeds)) < len(seeds):
         raise SystemExit("two runs of one seed are the same cases: name runs of different seeds")
     head = _line(_HEAD) + _line(["---"] + ["---:"] * (len(_HEAD) - 1))
@@ -101,13 +112,15 @@ def tables(*states: Path) -> str:
     return f"{text}\nAgainst a rule:\n\n" + "".join(f"- {why}\n" for why in found)
 
 
-def written(page: str, text: str) -> str:
-    """A page with its tables replaced.
+def written(page: str, text: str, *, others: bool = False) -> str:
+    """A page with its tables replaced, if there are others.
 
     Raises ValueError when the page has no place for them.
     """
-    head, begin, rest = page.partition(BEGIN)
-    _, end, tail = rest.partition(END)
+    if not text:
+        return page
+    head, begin, rest = page.partition(BEGIN_OTHERS if others else BEGIN)
+    _, end, tail = rest.partition(END_OTHERS if others else END)
     if not begin or not end:
         raise ValueError("the page has no place for the tables")
     return f"{head}{begin}\n{text}\n{end}{tail}"
@@ -119,11 +132,12 @@ def main() -> int:
     parser.add_argument("states", type=Path, nargs="*", default=[Path("build/fuzz/campaign")], metavar="STATE")
     parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args()
-    text = tables(*options.states)
-    if options.write is None:
-        print(text)
-    else:
-        options.write.write_text(written(options.write.read_text(), text))
+    for others in (False, True):
+        text = tables(*options.states, others=others)
+        if options.write is None:
+            print(text)
+        else:
+            options.write.write_text(written(options.write.read_text(), text, others=others))
     return 0
 
 

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ def _others(seed: int) -> Iterator[list[Message]]:
     models = [model for model in other_sensors.SIZES if model not in ("clouds", "os0-128")]
     for place, model in enumerate(models):
         made = other_sensors.SIZES[model](seed)
-        for number, settings in enumerate(configurations.OTHERS.values()):
+        for number, settings in islice(enumerate(configurations.OTHERS.values()), place % 2, None, 2):
             at, count = (4 * number + 7 * place) % (len(made) - 3), 3 if settings["codec"] == "riddle" else 2
             encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
             coded = [encoder.encode(frame) for frame in made[at : at + count]]

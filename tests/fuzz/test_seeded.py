@@ -7,24 +7,31 @@ import json
 import random
 import re
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from lidarcodec.codecs import table
 from lidarcodec.entropy import decode_positions
+from lidarcodec.entropy.rest_coder import decode_rest
 from lidarcodec.errors import LidarCodecError
-from lidarcodec.message import SectionType
+from lidarcodec.message import Message, SectionType
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.planes.clouds.section import decode_cloud
 from lidarcodec.planes.lattice_section import read_lattice
+from lidarcodec.planes.other_calibrations import SensorBook
+from lidarcodec.planes.plane_section import decode_plane_section
 from lidarcodec.wire import unpack
 from tests.fuzz import native_seeds
 from tests.fuzz.campaign import Campaign, block
 from tests.fuzz.chains import needed
 from tests.fuzz.corpus import plans, stream
-from tests.fuzz.counts import BEGIN, END, tables, written
+from tests.fuzz.counts import BEGIN, BEGIN_OTHERS, END, END_OTHERS, tables, written
 from tests.fuzz.damage import damaged
 from tests.fuzz.inside import damaged_lattice, damaged_positions
+from tests.fuzz.inside_others import damaged_cloud, damaged_description, damaged_planes, damaged_rest
 from tests.fuzz.run import QUICK, run, run_sealed, targets
 from tests.sweeps import sampled
 
@@ -39,10 +46,10 @@ def test_damage_gives_errors_of_the_project_and_nothing_else(tmp_path: Path) -> 
     assert outcomes["packets"] == {"decoded": 50}
 
 
-@pytest.mark.parametrize("size", sampled(QUICK, ["tiny"]))
+@pytest.mark.parametrize("size", sampled((*QUICK, "vlp16", "os0-16", "clouds"), ["tiny", "clouds"]))
 def test_damage_with_right_checksums_gives_errors_of_the_project_and_nothing_else(tmp_path: Path, size: str) -> None:
     outcomes = run_sealed(cases=150, seed=7, kept=tmp_path, sizes=(size,))
-    assert len(outcomes) > 25
+    assert len(outcomes) > (25 if size in QUICK else 5)
     together = {kind for counts in outcomes.values() for kind in counts}
     assert together >= {"decoded", "SectionError", "TruncatedError", "MissingReferenceError"}
 
@@ -50,8 +57,8 @@ def test_damage_with_right_checksums_gives_errors_of_the_project_and_nothing_els
 @pytest.mark.parametrize(
     "name",
     sampled(
-        [name for name, plan in ALL.items() if plan.size in (*QUICK, "still", "slab", "positions")],
-        [name for name, plan in ALL.items() if plan.size in ("tiny", "still")],
+        [name for name, plan in ALL.items() if plan.other or plan.size in (*QUICK, "still", "slab", "positions")],
+        [name for name, plan in ALL.items() if plan.size in ("tiny", "still", "xt32")],
     ),
 )
 def test_the_corpus_is_valid_and_the_same_for_a_seed(name: str) -> None:
@@ -80,6 +87,11 @@ def test_the_corpus_has_what_its_configurations_say() -> None:
     updates = stream(ALL["riddle updates, tiny"], 1).parts
     assert [m.has(SectionType.WEIGHTS) for m in updates] == [False, True, False, False, True]
     assert any(m.needs is not None for m in stream(ALL["h264, tiny"], 1).parts)
+    assert all(SectionType.LATTICE in kinds(f"{codec} lattice, vlp16") for codec in ("raw", "predictive", "riddle"))
+    assert {SectionType.PLANES, SectionType.REST, SectionType.POSE, SectionType.POSITION} <= kinds("riddle, os0-16")
+    assert SectionType.CLOUD in kinds("riddle, clouds")
+    follows = stream(ALL["riddle, vlp16"], 1).parts
+    assert sum(m.needs is not None for m in follows) > len(follows) / 2
 
 
 def first_bytes(kind: SectionType, *names: str) -> set[int]:
@@ -105,6 +117,15 @@ def test_the_corpus_has_few_intensities_and_lattices_of_every_form() -> None:
     assert first_bytes(SectionType.INTENSITY, "pcodec levels, slab", "png error, slab") == {5}
     assert first_bytes(SectionType.LATTICE, "raw lattice, extremes") == {0, 1}
     assert first_bytes(SectionType.POSITION, "raw, positions", "raw, extremes") == {0, 1}
+
+
+Damage = Callable[[bytes, Message], bytes]
+
+
+def with_calibration(message: Message, data: bytes) -> Message:
+    """The message with other bytes in its CALIBRATION section."""
+    sections = (one._replace(data=data) if one.type == SectionType.CALIBRATION else one for one in message.sections)
+    return replace(message, sections=tuple(sections))
 
 
 def outcome(read: Callable[[bytes], object], data: bytes) -> str:
@@ -142,6 +163,44 @@ def test_damage_is_inside_of_what_lattices_and_positions_pack() -> None:
         "a position packet more than N years from its frame",
         "differences of position packets that are not of one size",
     }
+
+
+def test_damage_is_inside_of_what_messages_of_other_sensors_pack() -> None:
+    rng = random.Random(5)
+
+    def outcomes(name: str, kind: SectionType, read: Callable[[bytes, Message], object], hurt: Damage) -> set[str]:
+        messages = [message for message in stream(ALL[name], 1).parts if message.has(kind)]
+        cases = [(message, hurt(message.section(kind), message)) for message in messages for _ in range(12)]
+        return {outcome(partial(lambda given, of: read(given, of), of=message), data) for message, data in cases}
+
+    planes = outcomes(
+        "zstd, vlp16",
+        SectionType.PLANES,
+        lambda data, message: decode_plane_section(data, message.width),
+        lambda data, _: damaged_planes(data, rng),
+    )
+    rests = outcomes(
+        "zstd, vlp16",
+        SectionType.REST,
+        lambda data, message: decode_rest(data, message.packets),
+        lambda data, message: damaged_rest(data, message.packets, rng),
+    )
+    clouds = outcomes(
+        "zstd, clouds",
+        SectionType.CLOUD,
+        lambda data, _: decode_cloud(data),
+        lambda data, _: damaged_cloud(data, rng),
+    )
+    assert planes >= {"read", "a plane of unknown role N, or of N bits"}
+    assert rests >= {"read", "a range coded stream ends too early"}
+    assert clouds >= {"read", "the head of a cloud that is none, or whose points do not lie as it says"}
+    first = stream(ALL["raw, os0-16"], 1).parts[0]
+    described = [damaged_description(first.section(SectionType.CALIBRATION), rng) for _ in range(60)]
+    sensors = {
+        outcome(lambda given: SensorBook().sensor_of(with_calibration(first, given)), data) for data in described
+    }
+    assert sensors >= {"read", "calibration of unknown convention N, range step N or N rows"}
+    assert any(said.startswith("a sensor whose description cannot be used") for said in sensors)
 
 
 @pytest.mark.parametrize("name", ["riddle free, tiny", "predictive free motion, tiny", "predictive rounded, tiny"])
@@ -198,6 +257,15 @@ def test_a_campaign_goes_on_where_it_was_and_makes_a_table_with_others(
     assert f"| **all** | {campaign.total + other.total:,} |" in tables(tmp_path, tmp_path / "other")
     with pytest.raises(SystemExit, match="of one seed"):
         tables(tmp_path, tmp_path)
+    assert tables(tmp_path, others=True) == ""
+    sensors = Campaign(tmp_path / "sensors", 5, only="zstd, vlp16", others=True)
+    (tmp_path / "sensors").mkdir()
+    assert list(sensors.run(1)) == ["zstd, vlp16"]
+    text = tables(tmp_path / "sensors", others=True)
+    both = written(f"{page}{BEGIN_OTHERS}{END_OTHERS}", text, others=True)
+    assert both.startswith(page)
+    assert "| **all of vlp16** |" in both
+    assert written(both, tables(tmp_path / "sensors")) == both
 
 
 def test_what_breaks_a_rule_is_kept_with_all_that_led_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

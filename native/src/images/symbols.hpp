@@ -19,19 +19,10 @@ class SymbolCoder {
   static constexpr std::array<std::uint32_t, 10> kSizes = {256, 512, 512, 2048, 1024, 256, 512, 1024, 512, 4096};
   using Contexts = std::array<std::uint32_t, N>;  // below kSizes
 
-  SymbolCoder() {
-    std::uint32_t total = 0;
-    for (std::size_t i = 0; i < N; ++i) {
-      begin_[i] = total;
-      total += kSizes[i];
-    }
-    place_.resize(total);
-  }
-
   template <class Stream>
   std::uint32_t code(Stream& stream, std::uint32_t value, const Contexts& contexts, std::int16_t rate) {
     std::array<Cells*, N> cells;
-    for (std::size_t i = 0; i < N; ++i) cells[i] = record(begin_[i] + contexts[i]);
+    for (std::size_t i = 0; i < N; ++i) cells[i] = record(kBegin[i] + contexts[i]);
     const std::uint32_t high = stream.template by_cells<4>(value >> 4, cells, rate);
     for (Cells*& of : cells) of += 2 + 2 * high;
     return 16 * high + stream.template by_cells<4>(value & 15u, cells, rate);
@@ -41,6 +32,11 @@ class SymbolCoder {
   static constexpr std::size_t kRecord =
       34;  // Cells of a context: for the upper four levels, then for each of their ends
   static constexpr std::size_t kBlock = 32;  // records that are made at once
+  static constexpr auto kBegin = [] {        // of the records of each context; behind them how many there are
+    std::array<std::uint32_t, N + 1> begin{};
+    for (std::size_t i = 0; i < N; ++i) begin[i + 1] = begin[i] + kSizes[i];
+    return begin;
+  }();
 
   // The cells of a context. Most contexts never come in a small frame, and their cells are not made.
   Cells* record(std::uint32_t context) {
@@ -71,9 +67,8 @@ class SymbolCoder {
     std::memcpy(static_cast<void*>(cells), odds.data(), sizeof odds);
   }
 
-  Contexts begin_{};
   std::uint16_t made_ = 0;
-  std::vector<std::uint16_t> place_;  // of each context's record, from 1 on; 0: it was not made yet
+  std::array<std::uint16_t, kBegin[N]> place_{};  // of each context's record, from 1 on; 0: it was not made yet
   std::vector<std::unique_ptr<Cells[]>> blocks_;
 };
 
