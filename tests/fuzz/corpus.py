@@ -121,7 +121,11 @@ _OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
     (configurations.AIMED, 1, ("slab", "full-size")),
     (configurations.WEIGHTS, 1 / 4, ("tiny", "slab", "full-size")),
     (configurations.OTHERS, 1, ("vlp16", "pandar64", "xt32", "os0-16")),
-    (configurations.OTHER_PLAIN, 1, ("puck_hires", "hdl32e", "vlp32c", "vls128", "pandar40p", "qt64", "qt128", "xt16", "xt32m", "os0-128")),
+    (
+        configurations.OTHER_PLAIN,
+        1,
+        ("puck_hires", "hdl32e", "vlp32c", "vls128", "pandar40p", "qt64", "qt128", "xt16", "xt32m", "os0-128"),
+    ),
     (configurations.CLOUDS, 1, ("clouds",)),
 )
 """Configurations, how much of a size's share each gets, and in which sizes it is made."""

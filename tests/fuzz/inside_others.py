@@ -27,7 +27,23 @@ from tests.fuzz.mutations import EXTREMES, wounded
 _CALIBRATION = struct.Struct("<BIBBBI")
 _HASH_BYTES = 8
 _MOST = 1 << 22
-_NUMBERS: tuple[Any, ...] = (0, -1, 1, 16, 128, 1e308, -1e308, 5e-324, 2**63, 10**400, 1.5, float("nan"), True, None, "1")
+_NUMBERS: tuple[Any, ...] = (
+    0,
+    -1,
+    1,
+    16,
+    128,
+    1e308,
+    -1e308,
+    5e-324,
+    2**63,
+    10**400,
+    1.5,
+    float("nan"),
+    True,
+    None,
+    "1",
+)
 
 
 def damaged_description(data: bytes, rng: random.Random) -> bytes:
@@ -47,7 +63,9 @@ def damaged_description(data: bytes, rng: random.Random) -> bytes:
         case 1:
             name = rng.choice((b"", b"\xff", b"\xc3\xa9" * 100, b"\0"))
         case 2:
-            model = rng.choice((b"", b"hdl64e", b"vlp16", b"os1-128", b"pointcloud2", b"\xff", wounded(model, rng)[:255]))
+            model = rng.choice(
+                (b"", b"hdl64e", b"vlp16", b"os1-128", b"pointcloud2", b"\xff", wounded(model, rng)[:255])
+            )
         case 3:
             head[4] = rng.choice((0, 1, head[4] - 1, head[4] + 1, 255)) & 255
             table = (table * 2)[: 44 * head[4]] if rng.random() < 0.8 else table
@@ -85,7 +103,9 @@ def damaged_json(data: bytes, rng: random.Random) -> bytes:
             case 1:
                 inside[key] = rng.choice(_NUMBERS)
             case 2:
-                inside[key] = rng.choice(([], {}, "", [0] * 200, [[[]]], "\0", "\ud800", "RNG15_RFL8_NIR8", "LEGACY", "1024x10"))
+                inside[key] = rng.choice(
+                    ([], {}, "", [0] * 200, [[[]]], "\0", "\ud800", "RNG15_RFL8_NIR8", "LEGACY", "1024x10")
+                )
             case 3 if isinstance(inside[key], list):
                 inside[key] = inside[key] * 2 if rng.random() < 0.5 else inside[key][:-1]
             case _:

@@ -130,7 +130,9 @@ def run(cases: int, seed: int, crash_dir: Path, only: str = "") -> dict[str, Cou
     return outcomes
 
 
-def run_sealed(cases: int, seed: int, kept: Path, sizes: Collection[str] = (*SHARES, *OTHER_SHARES)) -> dict[str, Counter[str]]:
+def run_sealed(
+    cases: int, seed: int, kept: Path, sizes: Collection[str] = (*SHARES, *OTHER_SHARES)
+) -> dict[str, Counter[str]]:
     """The same of damaged messages with right checksums, in all configurations of these sizes, each its share.
 
     Raises AssertionError for what broke a rule, with every message that led to it kept in a folder.
@@ -156,7 +158,9 @@ def main() -> None:
     options = parser.parse_args()
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
     began = time.perf_counter()
-    outcomes = run(options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, options.only)
+    outcomes = run(
+        options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, options.only
+    )
     if not options.only:
         outcomes |= run_sealed(options.cases // 4, options.seed, options.crashes)
     for name, counts in outcomes.items():

@@ -46,12 +46,13 @@ def sensor_targets() -> dict[str, Target]:
 
 
 def packet_target() -> Target:
-    """Damaged packets of a layout, split and joined: what fits comes back exactly, or the rule for odd packets holds."""
+    """Damaged packets of a layout, split and joined: what fits comes back exactly, odd ones by their own rule."""
     kinds: list[tuple[Sensor, PacketLayout, bytes]] = []
     for sensor, name in made_layouts():
         family = sensor_of(sensor)
         layout = None if family is None else family.named_layout(name)
-        assert family is not None and layout is not None
+        assert family is not None
+        assert layout is not None
         kinds += [(family, layout, packet.payload) for packet in packets_of_model(sensor, name, 2)]
 
     def case(rng: random.Random) -> Case:
@@ -125,7 +126,10 @@ def cloud_target() -> Target:
 def section_target() -> Target:
     """Damaged CLOUD sections, and the frames of what they hold."""
     ways = [(kind, bound) for kind in PlaneKind if kind != PlaneKind.FOLLOWING for bound in (None, 0.05)]
-    clean = [(encode_cloud(data, kind, bound), cloud_sensor([data])) for data in cloud_messages(2) for kind, bound in ways]
+    clean = [
+        (encode_cloud(data, kind, bound), cloud_sensor([data])) for data in cloud_messages(2) for kind, bound in ways
+    ]
+
     def case(rng: random.Random) -> Case:
         data, sensor = rng.choice(clean)
         return damaged_cloud(data, rng), lambda damaged: _frame_of(damaged, sensor)

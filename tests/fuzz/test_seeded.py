@@ -8,7 +8,6 @@ import random
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -171,7 +170,7 @@ def test_damage_is_inside_of_what_messages_of_other_sensors_pack() -> None:
     def outcomes(name: str, kind: SectionType, read: Callable[[bytes, Message], object], hurt: Damage) -> set[str]:
         messages = [message for message in stream(ALL[name], 1).parts if message.has(kind)]
         cases = [(message, hurt(message.section(kind), message)) for message in messages for _ in range(12)]
-        return {outcome(partial(lambda given, of: read(given, of), of=message), data) for message, data in cases}
+        return {outcome(lambda given, of=message: read(given, of), data) for message, data in cases}
 
     planes = outcomes(
         "zstd, vlp16",

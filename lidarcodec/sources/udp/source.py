@@ -343,7 +343,9 @@ class UdpSource(PacketSource):
         except CalibrationError as error:
             if not self._settled:
                 raise
-            logger.warning("%s: packets of another sensor are read without the calibration given: %s", self.label, error)
+            logger.warning(
+                "%s: packets of another sensor are read without the calibration given: %s", self.label, error
+            )
             return self._calibrated(model, first, None)
 
     def _calibrated(self, model: str, first: list[bytes], calibration: Path | None) -> SensorModel:
