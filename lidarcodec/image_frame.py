@@ -47,11 +47,18 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
         if ranges.shape != (layout.rows, packets * layout.columns):
             raise SectionError(f"planes {ranges.shape} of {packets} packets of {layout.rows} x {layout.columns}")
         check_series(layout, rest.series, packets)
-        # A message may say a narrower type for its numbers, in which sums of them would not fit.
-        typed = {name: rest.series[name].astype(dtype, copy=False) for name, (dtype, _) in layout.series.items()}
-        rest = replace(rest, series=typed)
         azimuth = family.azimuth(layout, Images({RANGE: ranges}, dict(rest.series)))
     return frame_of_planes(index, stamp_ns, planes, azimuth, rest, sensor)
+
+
+def in_types_of_layout(rest: PacketRest, sensor: SensorModel) -> PacketRest:
+    """The rest with its series in the types of its layout. A message may say a narrower one, which sums overflow."""
+    family = sensor_of(sensor)
+    layout = None if family is None or not rest.layout else family.named_layout(rest.layout)
+    if layout is None:
+        return rest
+    series = {name: rest.series[name].astype(dtype, copy=False) for name, (dtype, _) in layout.series.items()}
+    return replace(rest, series=series)
 
 
 def frame_of_planes(

@@ -18,7 +18,7 @@ from lidarcodec.entropy.rest_coder import rest_of
 from lidarcodec.entropy.zstd_frames import decompress
 from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
-from lidarcodec.image_frame import cloud_frame, frame_of_planes
+from lidarcodec.image_frame import cloud_frame, frame_of_planes, in_types_of_layout
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.clouds.section import decode_cloud
@@ -56,7 +56,8 @@ class PlaneDecoder:
                 cloud = decode_cloud(message.section(SectionType.CLOUD))
                 frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, cloud.grid)
             else:
-                frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, found, sensor)
+                typed = in_types_of_layout(found, sensor)
+                frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, typed, sensor)
         except BaseException:
             self._session.cut()
             raise

@@ -20,7 +20,6 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.planes.clouds.section import decode_cloud
 from lidarcodec.planes.lattice_section import read_lattice
-from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.planes.plane_section import decode_plane_section
 from lidarcodec.wire import unpack
 from tests.fuzz import native_seeds
@@ -194,10 +193,8 @@ def test_damage_is_inside_of_what_messages_of_other_sensors_pack() -> None:
     assert rests >= {"read", "a range coded stream ends too early"}
     assert clouds >= {"read", "the head of a cloud that is none, or whose points do not lie as it says"}
     first = stream(ALL["raw, os0-16"], 1).parts[0]
-    described = [damaged_description(first.section(SectionType.CALIBRATION), rng) for _ in range(60)]
-    sensors = {
-        outcome(lambda given: SensorBook().sensor_of(with_calibration(first, given)), data) for data in described
-    }
+    hurt = [damaged_description(first.section(SectionType.CALIBRATION), rng) for _ in range(60)]
+    sensors = {outcome(lambda given: StreamDecoder().decode(with_calibration(first, given)), data) for data in hurt}
     assert sensors >= {"read", "calibration of unknown convention N, range step N or N rows"}
     assert any(said.startswith("a sensor whose description cannot be used") for said in sensors)
 

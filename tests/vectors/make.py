@@ -124,7 +124,7 @@ def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
         "sensor": [frame.sensor.name, frame.sensor.hash, frame.sensor.convention, frame.sensor.range_step_m],
         "width": frame.width,
         "returns": int(np.count_nonzero(frame.valid)),
-        "range": digest(np.where(frame.valid, frame.range, np.uint16(0))),
+        "range": digest(np.where(frame.valid, frame.range_u16, np.uint16(0))),
         "intensity": digest(frame.intensity),
         "azimuth": digest(frame.azimuth),
         "fired": digest(fired.astype(np.uint8)),
@@ -141,7 +141,7 @@ def _thinned(frame: Frame) -> dict[str, Any]:
     return {
         "lattice": digest(frame.lattice),
         "made_up": int(np.count_nonzero(made_up)),
-        "filled": [digest(image) for image in (made_up.astype(np.uint8), wide.range, wide.intensity)],
+        "filled": [digest(image) for image in (made_up.astype(np.uint8), wide.range_u16, wide.intensity)],
     }
 
 
