@@ -124,6 +124,7 @@ def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[
         )
     if found.differing:
         broken.append(f"{found.differing} packets differ, although their messages promise exact packets")
+    broken += [f"{count} frames have {what}" for what, count in found.others.items()]
     broken += broken_positions(found)
     if not found.steps:
         return broken + _broken_settings(settings, found)

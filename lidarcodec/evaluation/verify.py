@@ -6,7 +6,6 @@ checked against the bound in its own message, not against the settings at the st
 
 from __future__ import annotations
 
-import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -18,13 +17,18 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.metrics import RangeErrors
+from lidarcodec.evaluation.plane_difference import told_of_planes
 from lidarcodec.evaluation.verify_positions import PositionComparison, places
+from lidarcodec.evaluation.verify_values import CloudErrors, values_difference
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import frames_of
+from lidarcodec.planes.attribute_values import AttributeQuality
 from lidarcodec.planes.clouds.section import bound_of_cloud
 from lidarcodec.planes.plane_section import read_head
+from lidarcodec.sensors.clouds.sensor import RANGE_STEP_M as CLOUD_STEP_M
+from lidarcodec.settings import step_of
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 LATE_NS = 1_000_000_000
@@ -37,11 +41,14 @@ LOSSLESS_INTENSITY: Final = (0, 1, 3, 4)
 
 class Promise(NamedTuple):
     """The guarantees in a message. step: quantiser step in range steps, None if the codec has no bound; identical:
-    whether the packets must be identical; reduced: whether returns were removed"""
+    whether the packets must be identical; reduced: whether returns were removed; told: quality of the attributes, None
+    if it is not known; bound_m: largest distance of a point of a cloud from where it was"""
 
     step: int | None
     identical: bool
     reduced: bool = False
+    told: AttributeQuality | None = None
+    bound_m: float | None = None
 
 
 def bound_of(step: int, range_step_m: float = RANGE_STEP_M) -> float:
@@ -66,19 +73,21 @@ def promise_of(message: Message) -> Promise:
     sections = {section.type: bytes(section.data[:2]) for section in message.sections}
     intensity = sections.get(SectionType.INTENSITY, b"")
     step = int.from_bytes(sections.get(SectionType.RANGE, b""), "little") or 1
-    whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY and not reduced
-    return Promise(step, step == 1 and whole, reduced)
+    whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY
+    told = AttributeQuality() if whole else None
+    return Promise(step, step == 1 and whole and not reduced, reduced, told)
 
 
 def _promise_of_planes(message: Message) -> Promise:
     """The same for a message of a sensor other than an HDL-64E."""
     if message.has(SectionType.CLOUD):
         bound_m = bound_of_cloud(message.section(SectionType.CLOUD))
-        return Promise(2 * math.ceil(bound_m / RANGE_STEP_M - 1e-9) + 1, bound_m == 0)
+        return Promise(step_of(bound_m, CLOUD_STEP_M), bound_m == 0, bound_m=bound_m)
     if not message.has(SectionType.PLANES):
         return Promise(1, True)
     head = read_head(message.section(SectionType.PLANES))
-    return Promise(head.step, head.exact, head.reduced)
+    lattice = message.has(SectionType.LATTICE)
+    return Promise(head.step, head.exact, head.reduced or lattice, told_of_planes(message))
 
 
 class Coverage(NamedTuple):
@@ -232,6 +241,8 @@ class Comparison:
     steps: number of frames by the step in their message; None: frames of a codec without a bound
     unjudged: frames without a message, such as frames of recorded packets
     positions: comparison of the position packets
+    points: errors of the points of clouds
+    others: what else is not as promised, in words -> number of frames
     """
 
     frames: int = 0
@@ -246,6 +257,8 @@ class Comparison:
     steps: Counter[int | None] = field(default_factory=Counter)
     errors: RangeErrors = field(default_factory=RangeErrors)
     positions: PositionComparison = field(default_factory=PositionComparison)
+    points: CloudErrors = field(default_factory=CloudErrors)
+    others: Counter[str] = field(default_factory=Counter)
 
     @property
     def packets_identical(self) -> bool:
@@ -273,6 +286,8 @@ class Comparison:
         else:
             self.steps[promise.step] += 1
             self.differing += len(back) - same if promise.identical else 0
+        if decoded.sensor.is_cloud:
+            self._compare_clouds(given, back, promise)
         for original in frames_of(given, decoded.sensor, f"packets:{MAX_PACKETS}"):
             self._compare(original, decoded, promise)
 
@@ -294,9 +309,25 @@ class Comparison:
             self.left_out += original.points - int(np.count_nonzero(sent))
         errors.add(sent, decoded.range)
         self.errors.merge(errors)
-        if promise is not None and promise.step is not None and errors.max_steps > promise.step // 2:
+        if promise is None or promise.step is None or promise.bound_m is not None:
+            return
+        if errors.max_steps > promise.step // 2:
             self.beyond += 1
             self.beyond_m = max(self.beyond_m, errors.max_error_m or 0.0)
+        if promise.told is not None and not promise.identical:
+            wrong = values_difference(decoded, original, promise.told, promise.step, reduced=promise.reduced)
+            self.others.update([] if wrong is None else [wrong])
+
+    def _compare_clouds(self, given: list[Packet], back: list[Packet], promise: Promise | None) -> None:
+        differing = self.points.other_fields
+        error_m = self.points.add(given, back)
+        if promise is None or promise.bound_m is None or promise.identical:
+            return
+        if error_m > promise.bound_m * (1 + 1e-9):
+            self.beyond += 1
+            self.beyond_m = max(self.beyond_m, error_m)
+        if self.points.other_fields > differing:
+            self.others["other fields than x, y and z that differ, or other points"] += 1
 
     def result(self) -> dict[str, Any]:
         """The results as plain values."""
@@ -312,8 +343,8 @@ class Comparison:
             "identical_position_packets": self.positions.identical,
             "position_packets_missing": self.positions.missing,
             "points": errors.points,
-            "max_error_m": errors.max_error_m,
-            "rmse_m": errors.rmse_m,
+            "max_error_m": round(self.points.max_m, 6) if self.points.points else errors.max_error_m,
+            "rmse_m": round(self.points.rmse_m, 6) if self.points.points else errors.rmse_m,
             "lost": errors.lost,
             "invented": errors.invented,
             "left_out": self.left_out,
