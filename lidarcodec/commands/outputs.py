@@ -7,6 +7,7 @@ All of them write frame by frame, so a long recording needs no more memory than 
 from __future__ import annotations
 
 import json
+import logging
 import re
 import zipfile
 from collections.abc import Callable
@@ -27,6 +28,8 @@ from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.side import SideInfo
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
+
+log = logging.getLogger(__name__)
 
 Array = npt.NDArray[Any]
 KITTI_FILES: Final = re.compile(r"\d{6,}\.bin|timestamps\.json")
@@ -239,6 +242,8 @@ class BagOutput:
     def close(self) -> None:
         self._writer.close()
         self._handle.close()
+        if self._writer.left_out:
+            log.warning("%s", self._writer.not_kept())
 
 
 OUTPUTS: Final[dict[str, Callable[[Path], Output]]] = {

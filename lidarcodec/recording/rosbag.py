@@ -24,11 +24,13 @@ from mcap.writer import CompressionType, Writer
 
 import lidarcodec
 from lidarcodec.entropy.zstd_memory import memory_told
+from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
 from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import scan_of
 from lidarcodec.packet import Packet
+from lidarcodec.sensors.clouds.message import ROS1
 
 PROFILE: Final = "ros2"
 ENCODING: Final = "cdr"
@@ -56,7 +58,10 @@ class Topic:
 
 
 class RosbagWriter:
-    """Writes to an open binary file, which the caller closes. topics: the topics written so far"""
+    """Writes to an open binary file, which the caller closes.
+
+    topics: the topics written so far;  left_out: messages that a bag of ROS 2 cannot hold
+    """
 
     def __init__(
         self,
@@ -70,7 +75,7 @@ class RosbagWriter:
         self._stream, self._finished = stream, False
         self._packets_topic, self._points_topic, self.frame_id = packets_topic, points_topic, frame_id
         self._topics: dict[str, Topic] = {}
-        self._first_ns = self._last_ns = 0
+        self._first_ns = self._last_ns = self.left_out = 0
         self._mcap = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
         self._mcap.start(profile=PROFILE, library=f"lidarcodec {lidarcodec.__version__}")
 
@@ -96,11 +101,17 @@ class RosbagWriter:
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
 
     def write_message(self, stamp_ns: int, payload: bytes) -> None:
-        """Add a `sensor_msgs/PointCloud2` message as it is; one of ROS 1 becomes one of ROS 2, without its number.
+        """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it. One of ROS 1 becomes one of
+        ROS 2, without its number; one that cannot, because it is no whole PointCloud2, is counted in `left_out`.
 
-        Raises SectionError for what is no PointCloud2, OSError.
+        Raises OSError.
         """
-        self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, cdr_of(payload))
+        try:
+            data = cdr_of(payload) if payload[:4] == ROS1 else payload
+        except DecodeError:
+            self.left_out += 1
+            return
+        self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, data)
 
     def close(self) -> None:
         """Write index and footer. A second call does nothing. The file itself stays open."""
@@ -109,6 +120,12 @@ class RosbagWriter:
             with memory_told():
                 self._mcap.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
+
+    def not_kept(self) -> str:
+        """What was left out, as a sentence; empty if nothing was."""
+        if not self.left_out:
+            return ""
+        return f"{self.left_out} messages of ROS 1 that are no whole PointCloud2 were left out: .npz holds them"
 
     def metadata(self, name: str) -> str:
         """The contents of `metadata.yaml` in the bag's folder. name: name of this file"""

@@ -12,7 +12,8 @@ from lidarcodec.recording import RosbagWriter
 from lidarcodec.sensors.clouds.message import read_message
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
-from tests.point_clouds import STAMP_NS, message, ouster, velodyne
+from tests.point_clouds import STAMP_NS, message, ouster, ros1, velodyne
+from tests.sources.test_cloud_bags import bag1
 
 FRAMES = 3
 VELODYNE = [message(velodyne(120, seed=n), stamp_ns=STAMP_NS + n * 10**8) for n in range(FRAMES)]
@@ -117,3 +118,29 @@ def test_fields_and_points_are_not_left_out(bag, setting):
     done = run_here("encode", str(bag), str(bag.with_name("out.mcap")), "--set", setting)
     assert done.returncode
     assert f"leave {setting} out" in the_one_line(done)
+
+
+def test_a_message_that_is_no_cloud_comes_back_in_a_bag_with_all_others(tmp_path):
+    """A topic with one damaged message was encoded, and then gave back nothing."""
+    given = [VELODYNE[0], b"\0\1\0\0" + b"nothing" * 9, VELODYNE[1], b""]
+    with (tmp_path / "a.mcap").open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
+        for number, one in enumerate(given):
+            writer.write_message(STAMP_NS + number * 10**8, one)
+    _encoded(tmp_path, tmp_path / "a.mcap")
+    ok("decode", tmp_path / "coded.mcap", tmp_path / "back.mcap")
+    ok("convert", tmp_path / "a.mcap", tmp_path / "again")
+    assert given_by(tmp_path / "back.mcap") == given_by(tmp_path / "again") == given
+
+
+def test_a_message_of_ros_1_that_is_cut_is_left_out_of_a_bag_of_ros_2_with_a_warning(tmp_path, caplog):
+    plain = [ros1(one)[4:] for one in VELODYNE]
+    bag1(tmp_path / "a.bag", [plain[0], plain[1][:-50], plain[2]])
+    _encoded(tmp_path, tmp_path / "a.bag")
+    for words in (
+        ("decode", tmp_path / "coded.mcap", tmp_path / "b.mcap"),
+        ("convert", tmp_path / "a.bag", tmp_path / "b"),
+    ):
+        ok(*words)
+        assert "1 messages of ROS 1 that are no whole PointCloud2 were left out" in caplog.text
+        caplog.clear()
+        assert given_by(words[-1]) == [VELODYNE[0], VELODYNE[2]]

@@ -174,4 +174,6 @@ class Bag:
         self.writer.close()
         if self._positions:
             log.warning("a rosbag cannot hold position packets: %d were left out", self._positions)
+        if self.writer.left_out:
+            log.warning("%s", self.writer.not_kept())
         return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)
