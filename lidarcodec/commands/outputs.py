@@ -110,8 +110,8 @@ class NpzOutput:
 
 
 class PlyOutput:
-    """Binary PLY: x y z in metres, intensity (16 bits if the sensor sends 16), laser, ring, frame, and t in seconds
-    since the first point."""
+    """Binary PLY: x y z in metres, intensity (16 bits if the sensor sends 16, and of point clouds), laser, ring, frame,
+    and t in seconds since the first point."""
 
     DTYPE: Final = np.dtype(
         [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"),
@@ -146,7 +146,7 @@ class PlyOutput:
         cloud = frame.cloud()
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
-            self._dtype = self.DTYPE if cloud["intensity"].dtype == np.uint8 else self.WIDE
+            self._dtype = self.WIDE if _is_wide(frame, cloud) else self.DTYPE
             self._write_header()
         rows = np.empty(len(cloud), self._dtype)
         for name in ("x", "y", "z", "intensity", "laser", "ring"):
@@ -165,8 +165,8 @@ class PlyOutput:
 
 
 class LasOutput:
-    """LAS 1.4 in millimetres: intensity scaled to 16 bits, user_data = ring, point_source_id = laser, gps_time =
-    host time in seconds since the Unix epoch."""
+    """LAS 1.4 in millimetres: intensity scaled to 16 bits (of point clouds as it is), user_data = ring, point_source_id
+    = laser, gps_time = host time in seconds since the Unix epoch."""
 
     STEP_M: Final = 0.001
 
@@ -190,7 +190,7 @@ class LasOutput:
         except OverflowError:
             raise SettingsError(f"points of frame {frame.index} are too far away for .las: write .ply") from None
         wide = cloud["intensity"].astype(np.uint16)
-        points.intensity = wide * 257 if cloud["intensity"].dtype == np.uint8 else wide
+        points.intensity = wide if _is_wide(frame, cloud) else wide * 257
         points.user_data = cloud["ring"]
         points.point_source_id = cloud["laser"].astype(np.uint16)
         points.gps_time = cloud["t_ns"] * 1e-9
@@ -203,8 +203,8 @@ class LasOutput:
 
 
 class KittiOutput:
-    """One file for each frame, `000000.bin`: float32 x y z and reflectance (intensity / 255), ring by ring as in KITTI.
-    `timestamps.json` has the host time of each frame in ns."""
+    """One file for each frame, `000000.bin`: float32 x y z and reflectance (intensity / 255, of sensors that send 16
+    bits / 65535), ring by ring as in KITTI. `timestamps.json` has the host time of each frame in ns."""
 
     def __init__(self, path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
@@ -217,13 +217,19 @@ class KittiOutput:
         rows = np.empty((len(cloud), 4), "<f4")
         for at, axis in enumerate("xyz"):
             rows[:, at] = cloud[axis][order]
-        rows[:, 3] = cloud["intensity"][order] / np.float32(np.iinfo(cloud["intensity"].dtype).max)
+        top = 255 if frame.sensor.is_cloud else np.iinfo(cloud["intensity"].dtype).max
+        rows[:, 3] = cloud["intensity"][order] / np.float32(top)
         name = f"{len(self._stamps):06d}.bin"
         (self._folder / name).write_bytes(rows.tobytes())
         self._stamps[name] = frame.stamp_ns
 
     def close(self) -> None:
         (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
+
+
+def _is_wide(frame: Frame, cloud: npt.NDArray[np.void]) -> bool:
+    """Whether intensities of a stream have 16 bits. Messages of a point cloud have the type that each of them needs."""
+    return frame.sensor.is_cloud or cloud["intensity"].dtype != np.uint8
 
 
 class BagOutput:

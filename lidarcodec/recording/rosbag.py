@@ -101,8 +101,8 @@ class RosbagWriter:
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
 
     def write_message(self, stamp_ns: int, payload: bytes) -> None:
-        """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it. One of ROS 1 becomes one of
-        ROS 2, without its number; one that cannot, because it is no whole PointCloud2, is counted in `left_out`.
+        """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it. One of ROS 1 becomes one
+        of ROS 2, without its number; one that cannot, because it is no whole PointCloud2, is counted in `left_out`.
 
         Raises OSError.
         """

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import warnings
 
+import laspy
 import numpy as np
 import pytest
 
+from lidarcodec.commands.outputs import PlyOutput
+from lidarcodec.image_frame import cloud_frame
 from lidarcodec.planes.clouds.section import same_but_near
 from lidarcodec.recording import RosbagWriter
 from lidarcodec.sensors.clouds.message import read_message
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
+from lidarcodec.sensors.clouds.values import intensity_of
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
 from tests.point_clouds import STAMP_NS, message, ouster, ros1, velodyne
@@ -144,3 +150,59 @@ def test_a_message_of_ros_1_that_is_cut_is_left_out_of_a_bag_of_ros_2_with_a_war
         assert "1 messages of ROS 1 that are no whole PointCloud2 were left out" in caplog.text
         caplog.clear()
         assert given_by(words[-1]) == [VELODYNE[0], VELODYNE[2]]
+
+
+def test_intensities_have_one_scale_in_all_messages_of_a_stream(tmp_path):
+    """Levels above 255 in one message, and a message of zeros and ones, change nothing in the others."""
+    given = []
+    for value in (100, 300, 1):
+        points = velodyne(60)
+        points["intensity"] = value
+        given.append(message(points, stamp_ns=STAMP_NS + value * 10**8))
+    with (tmp_path / "a.mcap").open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
+        for number, one in enumerate(given):
+            writer.write_message(STAMP_NS + number * 10**8, one)
+    coded = _encoded(tmp_path, tmp_path / "a.mcap")
+    for out in ("a.ply", "kitti", "a.las"):
+        ok("decode", coded, tmp_path / out)
+    text = (tmp_path / "a.ply").read_bytes()
+    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], PlyOutput.WIDE)
+    assert [set(points["intensity"][points["frame"] == n]) for n in range(3)] == [{100}, {300}, {1}]
+    found = [np.fromfile(tmp_path / "kitti" / f"{n:06d}.bin", "<f4")[3::4] for n in range(3)]
+    assert np.allclose([part.mean() * 255 for part in found], [100, 300, 1])
+    las = np.asarray(laspy.read(tmp_path / "a.las").intensity)
+    assert sorted(set(las.tolist())) == [1, 100, 300]
+
+
+def test_fractions_count_in_255ths():
+    points = velodyne(60)
+    points["intensity"] = np.linspace(0, 1, len(points))
+    assert intensity_of(read_message(message(points))).max() == 255
+
+
+@pytest.mark.parametrize("frame_id", ["\U0001f600" * 100, "\x1b[31mred\nlidarcodec: a line of the bag"])
+def test_names_in_a_message_fit_and_steer_no_terminal(tmp_path, frame_id):
+    points = VELODYNE[0]
+    at = points.index(b"lidar\0") - 4
+    text = frame_id.encode() + b"\0"
+    size = len(text).to_bytes(4, "little")
+    named = points[:at] + size + text + bytes(-(at + len(text)) % 4) + points[at + 12 :]
+    assert read_message(named).head.frame_id == frame_id
+    with (tmp_path / "a.mcap").open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
+        writer.write_message(STAMP_NS, named)
+    coded = _encoded(tmp_path, tmp_path / "a.mcap")
+    for path in (tmp_path / "a.mcap", coded):
+        assert not [
+            line for line in ok("info", path).splitlines() if not line.isprintable() or "lidarcodec:" in line[:11]
+        ]
+    ok("decode", coded, tmp_path / "back.mcap")
+    assert given_by(tmp_path / "back.mcap") == [named]
+
+
+def test_a_ring_that_is_no_number_gives_no_line_of_code_to_a_user():
+    points = velodyne(60).astype([(name, "<f4") for name in velodyne(60).dtype.names])
+    points["ring"][3] = np.nan
+    payload = message(points)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(cloud_frame(0, STAMP_NS, payload, cloud_sensor([payload])).cloud()) == len(points)

@@ -48,7 +48,11 @@ def cloud_points(frame: Frame, *, both: bool) -> npt.NDArray[np.void]:
     if view is not None:
         points["ring"] = np.clip(view.row, 0, frame.sensor.rows - 1)[chosen]
     rings = message.values("ring")
-    points["laser"] = points["ring"] if rings is None else (rings[chosen].astype(np.int64) & 0xFF)
+    if rings is None:
+        points["laser"] = points["ring"]
+    else:
+        with np.errstate(invalid="ignore"):  # a ring may be NaN
+            points["laser"] = rings[chosen].astype(np.int64) & 0xFF
     if both:
         points["return_number"] = 1
     points["t_ns"] = frame.stamp_ns + times_ns(message)[chosen]

@@ -11,7 +11,7 @@ from lidarcodec.sensors.clouds.message import CloudMessage
 def intensity_of(message: CloudMessage) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
     """(N,) the field `intensity`, else `reflectivity` or `i`, as whole numbers: up to 255 in 8 bits, larger ones in 16.
 
-    Fractions of 1 count in 255ths; 0 where there is no such field.
+    Fractions of 1 count in 255ths, if there are any; 0 where there is no such field.
     """
     found = next((v for name in ("intensity", "reflectivity", "i") if (v := message.values(name)) is not None), None)
     if found is None or not len(found):
@@ -19,7 +19,7 @@ def intensity_of(message: CloudMessage) -> npt.NDArray[np.uint8] | npt.NDArray[n
     with np.errstate(invalid="ignore"):
         values = np.nan_to_num(found.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
     most = float(values.max())
-    if found.dtype.kind == "f" and 0 < most <= 1.0:
+    if found.dtype.kind == "f" and 0 < most <= 1.0 and (values != np.rint(values)).any():
         values = values * 255.0
     levels = np.clip(np.rint(values), 0, 65_535)
     return levels.astype(np.uint8) if levels.max() <= 255 else levels.astype(np.uint16)
