@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import doctest
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import lidarcodec.sources.spinning.table
 from lidarcodec import _native
 from lidarcodec.commands import simulate
 from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
+from lidarcodec.sensor_model import Calibration
 from lidarcodec.sensors.images import Images
 from lidarcodec.sensors.models.ouster.fields import PIXELS
 from lidarcodec.sensors.models.table import detect, is_ouster
@@ -21,7 +23,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.simulator import LABELS, SCENES
 from lidarcodec.sources.spinning.encoder import TURN_NS
 from lidarcodec.sources.spinning.source import SpinningSource
-from lidarcodec.sources.spinning.table import Wanted, detector_of, names, unit_of
+from lidarcodec.sources.spinning.table import HESAI, TRAITS, VELODYNE, Wanted, detector_of, names, unit_of
 
 GROUND, VEHICLE = LABELS.index("ground"), LABELS.index("vehicle")
 OUSTER_PROFILES = [Wanted("os1-32", profile=profile) for profile in PIXELS]
@@ -230,6 +232,24 @@ def test_the_examples_in_the_documentation_of_the_modules_run():
     for module in (lidarcodec.sources.spinning.source, lidarcodec.sources.spinning.table):
         assert doctest.testmod(module).attempted > 0
         assert doctest.testmod(module).failed == 0
+
+
+def test_a_model_without_traits_of_its_own_has_those_of_its_maker(monkeypatch):
+    for name, maker in (("vlp16", VELODYNE), ("xt16", HESAI)):
+        monkeypatch.delitem(TRAITS, name)
+        assert name in names()
+        traits = detector_of(unit_of(Wanted(name), 1, 0))
+        assert {trait: traits[trait] for trait in maker} == maker
+
+
+def test_a_beam_that_begins_beside_the_axis_is_cast_from_there(monkeypatch):
+    unit = unit_of(Wanted("vlp16"), 1, 0)
+    beside = Calibration.from_values({**unit.sensor.generic, "horiz_offset_m": np.full(16, 0.1)})
+    monkeypatch.setitem(unit.__dict__, "model", replace(unit.model, calibration=beside))
+    series, _ = unit.heads(0, 1)
+    images = Images({"range": np.zeros((16, 24), np.uint16)}, series)
+    x, y, _ = unit.origins(images)
+    assert np.abs(np.hypot(x, y) - 0.1).max() < 1e-6
 
 
 def test_a_unit_has_what_its_model_has():

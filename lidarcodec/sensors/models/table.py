@@ -104,6 +104,11 @@ def _described(sensor: SensorModel) -> Sensor:
     return family
 
 
+def block_models() -> tuple[str, ...]:
+    """Names of the sensors that send blocks."""
+    return tuple(_MODELS)
+
+
 def block_sensors() -> Iterator[BlockSensor]:
     """The sensors that send blocks."""
     for name in _MODELS:

@@ -95,9 +95,12 @@ class BlockUnit:
         return Heads(series, stamps)
 
     def origins(self, images: Images) -> tuple[Metres, Metres, Metres]:
-        """Where beams begin: on the axis, because nominal calibrations have neither horizontal offsets nor corrections
-        of distance. `points` of the model would say the same, but need as long as for far points."""
-        height_m = self.model.calibration["vert_offset_m"][self.sensor.channel_of_row][:, None]
+        """Where beams begin: on the axis, if the nominal calibration has neither horizontal offsets nor corrections of
+        distance. `points` of the model would say the same, but need as long as for far points."""
+        calibration = self.model.calibration
+        if calibration["horiz_offset_m"].any() or calibration["dist_correction_m"].any():
+            return self.sensor.points(self.model, self.layout, images)
+        height_m = calibration["vert_offset_m"][self.sensor.channel_of_row][:, None]
         return np.zeros((1, 1)), np.zeros((1, 1)), height_m
 
     def silence(self, images: Images) -> None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, cast
 from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.sensors.models.hesai_packet import HesaiSensor
 from lidarcodec.sensors.models.ouster.fields import PIXELS
-from lidarcodec.sensors.models.table import OUSTERS, sensor_named
+from lidarcodec.sensors.models.table import OUSTERS, block_models, sensor_named
 from lidarcodec.sensors.models.velodyne_packet import VelodyneSensor
 from lidarcodec.sources.spinning.base import Unit
 from lidarcodec.sources.spinning.blocks import BlockUnit
@@ -24,13 +24,19 @@ PROFILE: Final = "RNG19_RFL8_SIG16_NIR16"
 """Of an Ouster, if none is named: that of its firmware."""
 MODE: Final = "1024x10"
 
-VELODYNE: Final = {"nearest_m": 0.5, "spread": 0.0007, "aperture_m": 0.08, "reflectivity_noise": 0.05, "quiet": 2.0}
-HESAI: Final = {"nearest_m": 0.3, "spread": 0.0007, "aperture_m": 0.05, "reflectivity_noise": 0.06}
+NOMINAL: Final = {"farthest_m": 100, "sees_10_m": 50, "sigma_m": 0.010}
+VELODYNE: Final = {
+    **NOMINAL,
+    **{"nearest_m": 0.5, "spread": 0.0007, "aperture_m": 0.08, "reflectivity_noise": 0.05, "quiet": 2.0},
+}
+PUCK: Final = {**VELODYNE, "sees_10_m": 45, "sigma_m": 0.0095, "reflectivity": 45}
+HESAI: Final = {**NOMINAL, "nearest_m": 0.3, "spread": 0.0007, "aperture_m": 0.05, "reflectivity_noise": 0.06}
 XT: Final = {**HESAI, "nearest_m": 0.05, "sees_10_m": 80, "sigma_m": 0.005, "aperture_m": 0.09}
 QT: Final = {**HESAI, "nearest_m": 0.1, "pulse_m": 0.7, "aperture_m": 0.15, "reflectivity_noise": 0.08}
 OUSTER: Final = {"nearest_m": 0.5, "pulse_m": 3.0, "spread": 0.0004, "aperture_m": 0.002, "dark_noise": 0.6}
 TRAITS: Final[Mapping[str, Traits]] = {
-    "vlp16": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.0095, "reflectivity": 45},
+    "vlp16": PUCK,
+    "puck_hires": PUCK,
     "hdl32e": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.010, "reflectivity": 45},
     "vlp32c": {**VELODYNE, "farthest_m": 200, "sees_10_m": 80, "sigma_m": 0.006, "aperture_m": 0.05},
     "vls128": {**VELODYNE, "farthest_m": 245, "sees_10_m": 110, "sigma_m": 0.010},
@@ -52,7 +58,7 @@ TRAITS: Final[Mapping[str, Traits]] = {
     },
 }
 """Model -> the traits that differ from those in native/src/simulator/detector.hpp, where each is explained. An Ouster
-is named without its rows."""
+is named without its rows. A Velodyne or Hesai without a line has the traits of its maker."""
 AMBIENT: Final = {
     "os0": {"daylight": 1800, "sky": 700, "light_noise": 1.0},
     "os1": {"daylight": 1400, "sky": 600, "light_noise": 1.5},
@@ -77,7 +83,7 @@ class Wanted(NamedTuple):
 def names() -> tuple[str, ...]:
     """All sensors that can be simulated, beside the HDL-64E."""
     ousters = (name for name in OUSTERS if name.partition("-")[0] in TRAITS and not name.endswith("-16"))
-    return (*(name for name in TRAITS if not name.startswith("os")), *ousters)
+    return (*block_models(), *ousters)
 
 
 def unit_of(wanted: Wanted, seed: int, start_ns: int) -> Unit:
@@ -113,7 +119,8 @@ def detector_of(unit: Unit) -> dict[str, float]:
     """The traits of a unit's detector, in the units of its planes."""
     family = unit.model.model.partition("-")[0]
     planes = {plane.name: plane for plane in unit.layout.planes}
-    traits = {**TRAITS[family], "step_m": unit.model.range_step_m}
+    maker = HESAI if isinstance(unit.sensor, HesaiSensor) else VELODYNE
+    traits = {**TRAITS.get(family, maker), "step_m": unit.model.range_step_m}
     farthest_m = ((1 << planes["range"].bits) - 1) * unit.model.range_step_m
     traits["farthest_m"] = min(traits["farthest_m"], farthest_m)
     if "range2" in planes:
