@@ -28,6 +28,13 @@ namespace lidarcodec {
 namespace {
 
 """
+KINDS: Final[dict[type[BlockSensor], str]] = {
+    VelodyneSensor: "Velodyne",
+    Vls128: "Vls128",
+    HesaiSensor: "Hesai",
+    Qt128: "Qt128",
+}
+"""Class of a model -> BlockKind of native/src/sensors/block_model.hpp, whose code does what the class does."""
 
 
 class Tables:
@@ -50,9 +57,14 @@ class Tables:
 
 
 def kind_of(sensor: BlockSensor) -> str:
-    """Of enum BlockKind."""
-    kinds = ((Qt128, "Qt128"), (Vls128, "Vls128"), (HesaiSensor, "Hesai"), (VelodyneSensor, "Velodyne"))
-    return next(name for kind, name in kinds if isinstance(sensor, kind))
+    """Of enum BlockKind. Raises TypeError for a class that the native decoder does not have."""
+    kind = type(sensor)
+    if kind not in KINDS:
+        raise TypeError(
+            f"{sensor.name}: the native decoder has nothing for {kind.__name__}. Write it in native/src/sensors, "
+            "give it a BlockKind, and name that in KINDS of tools/sensor_tables.py"
+        )
+    return KINDS[kind]
 
 
 def layout_of(tables: Tables, sensor: BlockSensor, layout: BlockLayout) -> str:
