@@ -81,7 +81,8 @@ class Calibration:
             table[row] = steps.astype(np.int32)
         unknown = set(values) - set(CALIBRATION_FIELDS)
         if unknown:
-            raise CalibrationError(f"unknown calibration fields: {', '.join(sorted(unknown))}")
+            known = ", ".join(CALIBRATION_FIELDS)
+            raise CalibrationError(f"unknown calibration fields: {', '.join(sorted(unknown))}; there are {known}")
         return cls(table)
 
     def __getitem__(self, name: str) -> npt.NDArray[np.float64]:

@@ -26,6 +26,8 @@ from lidarcodec.units import LASERS, RANGE_STEP_M
 OTHER_SENSORS = {16: "a VLP-16 or Puck Hi-Res", 32: "an HDL-32E or VLP-32", 128: "a VLS-128"}
 """Number of lasers -> sensors."""
 SENSORS = {**OTHER_SENSORS, LASERS: "an HDL-64E"}
+OWN = "this model"
+"""A sensor with another number of lasers, in a sentence about its file."""
 REQUIRED = ("rot_correction_rad", "vert_correction_rad")
 LIMITS = {"rot_correction_rad": 2 * math.pi, "vert_correction_rad": math.pi / 2}
 """Largest magnitude of angles, to detect files in a wrong unit."""
@@ -36,12 +38,12 @@ def table_of(
 ) -> Calibration:
     """Calibration of lasers given as mappings of CALIBRATION_FIELDS, `laser_id` and perhaps `two_point` (bool).
 
-    number: how many lasers the sensor has: 16, 32, 64 or 128.
+    number: how many lasers the sensor has.
     Raises CalibrationError saying what is missing, double, not a number, or of another sensor.
     """
     if len(lasers) != number:
         whose = SENSORS.get(len(lasers), "another sensor")
-        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: {SENSORS[number]} has {number}")
+        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: {SENSORS.get(number, OWN)} has {number}")
     if number == LASERS and not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
         raise CalibrationError(f"its distance step is {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
     ids = [_laser_id(laser, number) for laser in lasers]
@@ -59,7 +61,7 @@ def _laser_id(laser: Mapping[str, Any], lasers: int) -> int:
     if isinstance(number, bool) or not isinstance(number, int):
         raise CalibrationError(f"a laser has no number: laser_id is {number!r:.40}")
     if not 0 <= number < lasers:
-        raise CalibrationError(f"laser {number} does not exist: {SENSORS[lasers]} has 0 to {lasers - 1}")
+        raise CalibrationError(f"laser {number} does not exist: {SENSORS.get(lasers, OWN)} has 0 to {lasers - 1}")
     return number
 
 

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
-from lidarcodec.sensors.corrections import OTHER_SENSORS, SENSORS, table_of
+from lidarcodec.sensors.corrections import OTHER_SENSORS, OWN, SENSORS, table_of
 from lidarcodec.units import LASERS, RANGE_STEP_M
 
 CM = 0.01
@@ -35,7 +35,7 @@ MAX_DEPTH = 32
 
 
 def parse(data: bytes, number: int = LASERS) -> Calibration:
-    """Calibration of a `db.xml` file of a sensor with so many lasers: 16, 32, 64 or 128.
+    """Calibration of a `db.xml` file of a sensor with so many lasers.
 
     Raises CalibrationError if it is not one, or of another sensor.
     """
@@ -167,12 +167,11 @@ def _numbers(database: ElementTree.Element, tag: str) -> list[float]:
 def _enabled(lasers: list[dict[str, Any]], enabled: list[float], number: int) -> list[dict[str, Any]]:
     """The lasers that the sensor has: of the 64 places in a file of another sensor, those that are enabled."""
     used = sum(value != 0 for value in enabled)
-    if len(lasers) != LASERS or used not in OTHER_SENSORS:
+    if len(lasers) != LASERS or used == LASERS or used not in {number, *OTHER_SENSORS}:
         return lasers
     if used != number:
-        raise CalibrationError(
-            f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: {SENSORS[number]} has {number}"
-        )
+        whose = SENSORS.get(number, OWN)
+        raise CalibrationError(f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: {whose} has {number}")
     on = {place for place, value in enumerate(enabled) if value != 0}
     return [laser for laser in lasers if laser["laser_id"] in on]
 

@@ -27,7 +27,7 @@ TWO_POINT = "two_pt_correction_available"
 
 
 def parse(data: bytes, lasers: int = LASERS) -> Calibration:
-    """Calibration of a ROS `.yaml` file of a sensor with so many lasers: 16, 32, 64 or 128.
+    """Calibration of a ROS `.yaml` file of a sensor with so many lasers.
 
     Raises CalibrationError if it is not one, or of another sensor.
     """

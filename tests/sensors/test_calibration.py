@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,26 @@ def test_any_table_survives_both_forms(seed: int) -> None:
     calibration = Calibration(table)
     for form in (db_xml, ros_yaml):
         assert np.array_equal(form.parse(form.text(calibration).encode()).table, calibration.table)
+
+
+def test_a_model_may_have_any_number_of_lasers() -> None:
+    tables = {n: Calibration.from_values({"vert_correction_rad": np.linspace(0.2, -0.2, n)}) for n in (16, 24, 64)}
+    for form in (db_xml, ros_yaml):
+        files = {number: form.text(table).encode() for number, table in tables.items()}
+        assert np.array_equal(form.parse(files[24], 24).table, tables[24].table)
+        with pytest.raises(CalibrationError, match=r"it has 24 lasers, like another sensor: a VLP-16 .* has 16"):
+            form.parse(files[24], 16)
+        with pytest.raises(CalibrationError, match=r"it has 16 lasers, like a VLP-16 .*: this model has 24"):
+            form.parse(files[16], 24)
+    enabled = re.compile(r"(?<=<enabled_>).*?(?=</enabled_>)", re.DOTALL)
+    places = enabled.sub("<item>1</item>" * 24 + "<item>0</item>" * 40, db_xml.text(tables[64]))
+    found = db_xml.parse(places.encode(), 24)
+    assert np.array_equal(found.table, tables[64].table[:, :24])
+
+
+def test_a_field_that_is_none_is_refused_with_all_that_are() -> None:
+    with pytest.raises(CalibrationError, match=r"unknown calibration fields: height; there are .* vert_offset_m, "):
+        Calibration.from_values({"height": np.zeros(16)})
 
 
 def test_missing_values_are_zero_and_missing_intensities_the_whole_range() -> None:
