@@ -30,7 +30,13 @@ CAPTURES = {
     "HDL-64E S2": "kitti_tracking0006_f000-010.pcap.xz",
     "OS-1-128": "sensors/ouster/OS-1-128_v2.3.0_1024x10_lb_n3.pcap.xz",
 }
-"""Model, and what else tells captures of one model apart -> file."""
+"""Model, and what else tells captures of one model apart -> file in the data folder. The tests of packets, models and
+codecs run over all of them; points of a Velodyne are compared with velodyne-decoder."""
+
+
+def model_of(capture: str) -> str:
+    """Name of the model of a capture."""
+    return capture.split(maxsplit=1)[0]
 
 
 def payloads(path: Path) -> list[bytes]:

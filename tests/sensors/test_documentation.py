@@ -23,7 +23,9 @@ def test_every_model_and_every_refused_sensor_is_named() -> None:
     text = PAGE.read_text()
     for sensor in block_sensors():
         step = f"{round(sensor.range_step_m * 1000)} mm"
-        row = next(line for line in text.splitlines() if line.startswith("| ") and f"| `{sensor.name}` |" in line)
+        rows = [line for line in text.splitlines() if line.startswith("| ") and f"| `{sensor.name}` |" in line]
+        assert rows, f"docs/sensors.md has no row with | `{sensor.name}` |"
+        row = rows[0]
         assert f"| {sensor.title.partition(' (')[0]}" in row
         assert f"| {step} |" in row
         for size in sensor.packet_sizes:

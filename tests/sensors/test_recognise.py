@@ -15,12 +15,12 @@ from lidarcodec.sensors.models.table import PACKETS, detect, names
 from lidarcodec.sensors.recognise import check_recognised, recognised, takes
 from lidarcodec.sources import open_source
 from tests.packets import LOWER, UPPER, payload, turning
-from tests.sensors.captures import CAPTURES, payloads
+from tests.sensors.captures import CAPTURES, model_of, payloads
 from tests.sources import captures as c
 
 RNG = np.random.default_rng(3)
 ONE_BANK = [(UPPER, 20 * k) for k in range(12)]
-MODELS = {name: "hdl64e" if name.startswith("HDL-64E") else name.split()[0] for name in CAPTURES}
+MODELS = {name: "hdl64e" if name.startswith("HDL-64E") else model_of(name) for name in CAPTURES}
 MODELS["OS-1-128"] = "ouster-128-rng15_rfl8_nir8"
 
 
