@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from lidarcodec.sensors.models.block_sensor import BlockSensor
 from lidarcodec.sensors.models.blocks import BlockLayout
 from lidarcodec.sensors.models.hesai_packet import HesaiSensor
@@ -70,7 +68,7 @@ def kind_of(sensor: BlockSensor) -> str:
 def layout_of(tables: Tables, sensor: BlockSensor, layout: BlockLayout) -> str:
     """A PacketLayout."""
     series = [f'{{"{name}", {dtype.itemsize}, {each}}}' for name, (dtype, each) in layout.series.items()]
-    times = np.asarray(sensor.column_ns(layout)).tolist() if isinstance(sensor, HesaiSensor) else []
+    times = sensor.column_ns(layout).tolist() if isinstance(sensor, HesaiSensor) else []
     parts = [
         f'"{layout.name}"',
         str(layout.columns),

@@ -21,8 +21,8 @@ Source of fields, return modes and frame: tier4/nebula 606ac41f (`hesai_packet.h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,7 @@ import numpy.typing as npt
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.sensors import hesai_csv
 from lidarcodec.sensors.images import Images, Metres, PacketLayout
-from lidarcodec.sensors.models.block_sensor import Angles, BlockSensor, own_layout
+from lidarcodec.sensors.models.block_sensor import Angles, BlockSensor, own_layout, rows_of
 from lidarcodec.sensors.models.blocks import Allowed, BlockLayout, reserved
 from lidarcodec.units import AZIMUTH_TURN
 
@@ -38,6 +38,8 @@ UNIT_3 = np.dtype([("distance", "<u2"), ("intensity", "u1")])
 UNIT_4 = np.dtype([("distance", "<u2"), ("intensity", "u1"), ("confidence", "u1")])
 Fields = list[tuple[str, str] | tuple[str, type[np.uint8], int]]
 
+START, BLOCK_FLAG = 0xFFEE, 0xEEFF
+"""EE FF as u16, and FF EE."""
 HEAD_12: Fields = [
     ("start", "<u2"),
     ("protocol", *reserved(4)),
@@ -49,8 +51,6 @@ HEAD_12: Fields = [
     ("flags", "u1"),
 ]
 """`protocol`: major and minor version, two bytes without a name. `flags`: which optional parts the packet has."""
-START = 0xFFEE
-"""EE FF as u16."""
 TAIL_40P: Fields = [
     ("reserved", *reserved(5)),
     ("shutdown", "u1"),
@@ -79,52 +79,44 @@ Offsets = npt.NDArray[np.int64]
 
 def hesai_layouts(
     head: Fields,
-    block: Fields,
     blocks: int,
-    channels: int,
     unit: np.dtype[np.void],
     tails: Sequence[Fields],
-    channel_of_row: tuple[int, ...],
-    constants: Mapping[str, Allowed],
+    elevations_deg: Sequence[float],
+    step_mm: int = 4,
     checksums: Mapping[str, tuple[int, int]] | None = None,
 ) -> tuple[BlockLayout, ...]:
-    """Layouts `single` and `dual`, and for each further tail `single_2`, `dual_2` and so on."""
-    one = np.dtype([*block, ("azimuth", "<u2"), ("units", unit, channels)])
+    """Layouts `single` and `dual`, and `single_2`, `dual_2` for a second tail.
+
+    elevations_deg: of each channel; step_mm: of ranges. Without a head, each block begins with a flag.
+    """
+    channels = len(elevations_deg)
+    constants: dict[str, Allowed] = {"blocks.flag": (BLOCK_FLAG,) * blocks}
+    if head:
+        constants = {"start": (START,), "lasers": (channels,), "blocks_sent": (blocks,), "step_mm": (step_mm,)}
+    block = np.dtype([*([] if head else [("flag", "<u2")]), ("azimuth", "<u2"), ("units", unit, channels)])
+    rows = rows_of(elevations_deg)
     layouts = []
-    for number, tail in enumerate(tails, 1):
-        packet = np.dtype([*head, ("blocks", one, blocks), *tail])
-        end = "" if number == 1 else f"_{number}"
+    for end, tail in zip(("", "_2"), tails, strict=False):
+        packet = np.dtype([*head, ("blocks", block, blocks), *tail])
         for name, modes, returns in (("single", SINGLE, 1), ("dual", DUAL, 2)):
-            layouts.append(
-                BlockLayout(
-                    name + end,
-                    packet,
-                    channel_of_row,
-                    returns,
-                    returns,
-                    dict(constants),
-                    {"mode": modes},
-                    checksums or {},
-                )
-            )
+            mode = {"mode": modes}
+            layouts.append(BlockLayout(name + end, packet, rows, returns, returns, constants, mode, checksums or {}))
     return tuple(layouts)
-
-
-def head_of(lasers: int, blocks: int, step_mm: int) -> dict[str, Allowed]:
-    """Constants of a head for so many lasers and blocks."""
-    return {"start": (START,), "lasers": (lasers,), "blocks_sent": (blocks,), "step_mm": (step_mm,)}
 
 
 @dataclass(frozen=True, eq=False)
 class HesaiSensor(BlockSensor):
     """A Hesai sensor.
 
-    column_ns: (layout) -> (columns,) ns from the packet's time stamp to each column; channel_ns: (H,) ns from there to
-    the firing of each channel
+    cycle_ns: time from a column to the next; anchor_ns: from the packet's time stamp to its last column, or to its
+    first one if `anchor_is_first`; channel_ns: (H,) ns from a column to the firing of each channel
     """
 
-    column_ns: Callable[[BlockLayout], npt.ArrayLike]
-    channel_ns: Sequence[int] = field(default=())
+    cycle_ns: float
+    anchor_ns: int
+    channel_ns: Sequence[int]
+    anchor_is_first: bool = False
 
     @property
     def per_unit(self) -> bool:
@@ -157,8 +149,12 @@ class HesaiSensor(BlockSensor):
     def times_ns(self, layout: PacketLayout, images: Images) -> Offsets:
         """(H, W) int64, ns from the packet's time stamp to the firing of each channel (negative: before it)."""
         packets = images.planes["range"].shape[1] // layout.columns
-        columns = np.tile(np.asarray(self.column_ns(own_layout(layout)), np.int64), packets)
-        return columns + self.firing_ns(own_layout(layout), images)
+        return np.tile(self.column_ns(layout), packets) + self.firing_ns(own_layout(layout), images)
+
+    def column_ns(self, layout: PacketLayout) -> Offsets:
+        """(columns,) int64, ns from the packet's time stamp to each column, rounded down."""
+        columns = np.arange(layout.columns) - (0 if self.anchor_is_first else layout.columns - 1)
+        return self.anchor_ns + np.floor(self.cycle_ns * columns).astype(np.int64)
 
     def firing_ns(self, layout: BlockLayout, images: Images) -> Offsets:
         """(H, W) or (H, 1), ns from the start of a column to the firing of each channel, in the order of rows."""

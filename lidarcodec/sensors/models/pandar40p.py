@@ -9,11 +9,6 @@ manual.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
-from lidarcodec.sensors.models.block_sensor import rows_of
-from lidarcodec.sensors.models.blocks import BlockLayout
 from lidarcodec.sensors.models.hesai_packet import SEQUENCE, TAIL_40P, UNIT_3, HesaiSensor, angles, hesai_layouts
 
 ELEVATIONS_DEG = (
@@ -31,33 +26,15 @@ FIRING_NS = (
     *(-50730, -8190, -14740, -36980, -45490, -52700, -23890, -31740, -38950, -11470, -18650, -25190, -48760, -6230),
     *(-12770, -35010, -21920, -9500, -43520, -29770, -17350, -4920, -42220, -28470, -16040, -3620),
 )
-FLAG = 0xEEFF
-"""FF EE as u16."""
-BLOCKS = 10
-LAYOUTS = hesai_layouts(
-    [],
-    [("flag", "<u2")],
-    BLOCKS,
-    len(ELEVATIONS_DEG),
-    UNIT_3,
-    (TAIL_40P, TAIL_40P + SEQUENCE),
-    rows_of(ELEVATIONS_DEG),
-    {"blocks.flag": (FLAG,) * BLOCKS},
-)
-
-
-def column_ns(layout: BlockLayout) -> npt.ArrayLike:
-    """(columns,) ns from the packet's time stamp to each column; the last one is the nearest to it."""
-    return -28_580 - 55_560 * np.arange(layout.columns)[::-1]
-
 
 SENSOR = HesaiSensor(
     name="pandar40p",
     title="Hesai Pandar40P",
     short="Pandar40P",
     range_step_m=0.004,
-    layouts=LAYOUTS,
+    layouts=hesai_layouts([], 10, UNIT_3, (TAIL_40P, TAIL_40P + SEQUENCE), ELEVATIONS_DEG),
     generic=angles(ELEVATIONS_DEG, AZIMUTHS_DEG),
-    column_ns=column_ns,
+    cycle_ns=55_560,
+    anchor_ns=-28_580,
     channel_ns=FIRING_NS,
 )

@@ -9,11 +9,7 @@ manual.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
-from lidarcodec.sensors.models.block_sensor import rows_of
-from lidarcodec.sensors.models.blocks import BlockLayout, reserved
+from lidarcodec.sensors.models.blocks import reserved
 from lidarcodec.sensors.models.hesai_packet import (
     SEQUENCE,
     TAIL_40P,
@@ -21,7 +17,6 @@ from lidarcodec.sensors.models.hesai_packet import (
     Fields,
     HesaiSensor,
     angles,
-    head_of,
     hesai_layouts,
 )
 
@@ -46,7 +41,6 @@ FIRING_NS = (
     *(-10140, -23180, -4924, -21876, -14052, -17964, -8836, -19268, -3620, -20572, -12748, -16660, -7532, -11444),
     *(-6228, -15356, -10140, -4924, -3620, -14052, -8836, -12748),
 )
-BLOCKS = 6
 HEAD: Fields = [
     ("start", "<u2"),
     ("lasers", "u1"),
@@ -55,30 +49,15 @@ HEAD: Fields = [
     ("step_mm", "u1"),
     ("head_reserved2", *reserved(2)),
 ]
-LAYOUTS = hesai_layouts(
-    HEAD,
-    [],
-    BLOCKS,
-    len(ELEVATIONS_DEG),
-    UNIT_3,
-    (TAIL_40P + SEQUENCE, TAIL_40P),
-    rows_of(ELEVATIONS_DEG),
-    head_of(len(ELEVATIONS_DEG), BLOCKS, 4),
-)
-
-
-def column_ns(layout: BlockLayout) -> npt.ArrayLike:
-    """(columns,) ns from the packet's time stamp to each column; the last one is the nearest to it."""
-    return -42_580 - 55_560 * np.arange(layout.columns)[::-1]
-
 
 SENSOR = HesaiSensor(
     name="pandar64",
     title="Hesai Pandar64",
     short="Pandar64",
     range_step_m=0.004,
-    layouts=LAYOUTS,
+    layouts=hesai_layouts(HEAD, 6, UNIT_3, (TAIL_40P + SEQUENCE, TAIL_40P), ELEVATIONS_DEG),
     generic=angles(ELEVATIONS_DEG, AZIMUTHS_DEG),
-    column_ns=column_ns,
+    cycle_ns=55_560,
+    anchor_ns=-42_580,
     channel_ns=FIRING_NS,
 )

@@ -14,10 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarcodec.sensors.images import Images
-from lidarcodec.sensors.models.block_sensor import rows_of
 from lidarcodec.sensors.models.blocks import BlockLayout, reserved
 from lidarcodec.sensors.models.hesai_packet import (
     HEAD_12,
@@ -27,7 +25,6 @@ from lidarcodec.sensors.models.hesai_packet import (
     HesaiSensor,
     Offsets,
     angles,
-    head_of,
     hesai_layouts,
 )
 
@@ -74,7 +71,6 @@ LOOP_2_NS = (
     *(52144, 1456, 77488, 80656, 4624, 55312, 29968, 33136, 58480, 7792, 83824, 86992, 10960, 61648, 36304, 39472),
     *(64816, 14128, 90160, 93328, 17296, 67984, 42640, 45808, 71152, 20464, 96496, 99664, 23632, 74320, 48976),
 )
-BLOCKS = 2
 TAIL: Fields = [
     ("crc_body", "<u4"),
     ("safety", *reserved(13)),
@@ -91,22 +87,7 @@ TAIL: Fields = [
     ("crc_tail", "<u4"),
 ]
 SECURITY: Fields = [("security", *reserved(32))]
-LAYOUTS = hesai_layouts(
-    HEAD_12,
-    [],
-    BLOCKS,
-    len(ELEVATIONS_DEG),
-    UNIT_4,
-    (TAIL + SECURITY, TAIL),
-    rows_of(ELEVATIONS_DEG),
-    head_of(len(ELEVATIONS_DEG), BLOCKS, 4),
-    {"crc_body": (12, 1040), "crc_tail": (1061, 1091)},
-)
-
-
-def column_ns(layout: BlockLayout) -> npt.ArrayLike:
-    """(columns,) ns from the packet's time stamp to each column."""
-    return 9_000 + 111_110 * np.arange(layout.columns)
+CHECKSUMS = {"crc_body": (12, 1040), "crc_tail": (1061, 1091)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +108,10 @@ SENSOR = Qt128(
     title="Hesai QT128 (QT128C2X)",
     short="QT128",
     range_step_m=0.004,
-    layouts=LAYOUTS,
+    layouts=hesai_layouts(HEAD_12, 2, UNIT_4, (TAIL + SECURITY, TAIL), ELEVATIONS_DEG, checksums=CHECKSUMS),
     generic=angles(ELEVATIONS_DEG, AZIMUTHS_DEG),
-    column_ns=column_ns,
+    cycle_ns=111_110,
+    anchor_ns=9_000,
+    anchor_is_first=True,
     channel_ns=LOOP_1_NS,
 )

@@ -9,11 +9,7 @@ manual. It has 12960 ns for channel 56, between 127540 and 132050 of its neighbo
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
-from lidarcodec.sensors.models.block_sensor import rows_of
-from lidarcodec.sensors.models.blocks import BlockLayout, reserved
+from lidarcodec.sensors.models.blocks import reserved
 from lidarcodec.sensors.models.hesai_packet import (
     HEAD_12,
     SEQUENCE,
@@ -21,7 +17,6 @@ from lidarcodec.sensors.models.hesai_packet import (
     Fields,
     HesaiSensor,
     angles,
-    head_of,
     hesai_layouts,
 )
 
@@ -46,7 +41,6 @@ FIRING_NS = (
     *(112150, 115200, 117260, 119320, 121380, 123430, 125490, 127540, 129600, 132050, 134110, 136170, 138220, 140280),
     *(142340, 144390, 146450),
 )
-BLOCKS = 4
 TAIL: Fields = [
     ("reserved", *reserved(10)),
     ("motor_speed", "<u2"),
@@ -55,30 +49,16 @@ TAIL: Fields = [
     ("factory", "u1"),
     ("date", *reserved(6)),
 ]
-LAYOUTS = hesai_layouts(
-    HEAD_12,
-    [],
-    BLOCKS,
-    len(ELEVATIONS_DEG),
-    UNIT_4,
-    (TAIL + SEQUENCE, TAIL),
-    rows_of(ELEVATIONS_DEG),
-    head_of(len(ELEVATIONS_DEG), BLOCKS, 4),
-)
-
-
-def column_ns(layout: BlockLayout) -> npt.ArrayLike:
-    """(columns,) ns from the packet's time stamp to each column."""
-    return 25_710 + 500_000 * np.arange(layout.columns) // 3
-
 
 SENSOR = HesaiSensor(
     name="qt64",
     title="Hesai PandarQT (QT64)",
     short="QT64",
     range_step_m=0.004,
-    layouts=LAYOUTS,
+    layouts=hesai_layouts(HEAD_12, 4, UNIT_4, (TAIL + SEQUENCE, TAIL), ELEVATIONS_DEG),
     generic=angles(ELEVATIONS_DEG, AZIMUTHS_DEG),
-    column_ns=column_ns,
+    cycle_ns=500_000 / 3,
+    anchor_ns=25_710,
+    anchor_is_first=True,
     channel_ns=FIRING_NS,
 )

@@ -34,9 +34,9 @@ _MODELS: Final = {
     "pandar64": "lidarcodec.sensors.models.pandar64:SENSOR",
     "qt64": "lidarcodec.sensors.models.qt64:SENSOR",
     "qt128": "lidarcodec.sensors.models.qt128:SENSOR",
-    "xt16": "lidarcodec.sensors.models.xt16:SENSOR",
-    "xt32": "lidarcodec.sensors.models.xt32:SENSOR",
-    "xt32m": "lidarcodec.sensors.models.xt32m:SENSOR",
+    "xt16": "lidarcodec.sensors.models.xt:XT16",
+    "xt32": "lidarcodec.sensors.models.xt:XT32",
+    "xt32m": "lidarcodec.sensors.models.xt:XT32M",
 }
 """Name -> module and object."""
 

@@ -66,6 +66,11 @@ def velodyne_layout(
     return BlockLayout(name, packet, channel_of_row, 2 if dual else 1, group, constants, modes)
 
 
+def vertical_offsets_m(beams_meet_mm: float, elevations_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """(H,) heights at which beams cross the axis, if they meet in a point so many mm from it."""
+    return -beams_meet_mm * 1e-3 * np.tan(np.radians(elevations_deg))
+
+
 @dataclass(frozen=True, eq=False)
 class VelodyneSensor(BlockSensor):
     """A Velodyne with 16 or 32 lasers.

@@ -10,10 +10,12 @@ common point from the axis, times the tangent of the elevation downwards.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lidarcodec.sensors.models.block_sensor import rows_of
-from lidarcodec.sensors.models.velodyne_packet import VelodyneSensor, velodyne_layouts
+from lidarcodec.sensors.models.velodyne_packet import VelodyneSensor, velodyne_layouts, vertical_offsets_m
 
 ELEVATIONS_DEG = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
 HIRES_ELEVATIONS_DEG = (
@@ -21,7 +23,6 @@ HIRES_ELEVATIONS_DEG = (
     *(-4.667, 6, -3.333, 7.333, -2, 8.667, -0.667, 10),
 )
 HIRES_OFFSETS_MM = (7.4, -0.9, 6.5, -1.8, 5.5, -2.7, 4.6, -3.7, 3.7, -4.6, 2.7, -5.5, 1.8, -6.5, 0.9, -7.4)
-FOCAL_MM = 41.91
 
 SENSOR = VelodyneSensor(
     name="vlp16",
@@ -31,23 +32,20 @@ SENSOR = VelodyneSensor(
     layouts=velodyne_layouts(0x22, rows_of(ELEVATIONS_DEG)),
     generic={
         "vert_correction_rad": np.radians(ELEVATIONS_DEG),
-        "vert_offset_m": -FOCAL_MM * 1e-3 * np.tan(np.radians(ELEVATIONS_DEG)),
+        "vert_offset_m": vertical_offsets_m(41.91, ELEVATIONS_DEG),
     },
     cycle_us=55.296,
     shot_us=2.304,
     together=1,
 )
-HIRES = VelodyneSensor(
+HIRES = replace(
+    SENSOR,
     name="puck_hires",
     title="Velodyne Puck Hi-Res (VLP-16 Hi-Res)",
     short="Puck Hi-Res",
-    range_step_m=0.002,
     layouts=velodyne_layouts(0x24, rows_of(HIRES_ELEVATIONS_DEG)),
     generic={
         "vert_correction_rad": np.radians(HIRES_ELEVATIONS_DEG),
         "vert_offset_m": np.array(HIRES_OFFSETS_MM) * 1e-3,
     },
-    cycle_us=55.296,
-    shot_us=2.304,
-    together=1,
 )

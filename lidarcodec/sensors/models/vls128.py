@@ -30,6 +30,7 @@ from lidarcodec.sensors.models.velodyne_packet import (
     VelodyneSensor,
     turned,
     velodyne_layout,
+    vertical_offsets_m,
 )
 
 ELEVATIONS_DEG = (
@@ -43,7 +44,6 @@ ELEVATIONS_DEG = (
     *(4.98, -3.75, 1.64, -8.352, -2.54, 2.85, -5.84, -0.45, 8.43, -2.87, 2.52, -6.17, -1.66, 3.73, -4.96, 0.43),
 )
 ROTATIONS_DEG = (-6.354, -4.548, -2.732, -0.911, 0.911, 2.732, 4.548, 6.354) * 16
-FOCAL_MM = 58.63
 
 FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 DUAL_FLAGS = tuple(flag for flag in FLAGS for _return in range(2))
@@ -105,7 +105,7 @@ SENSOR = Vls128(
     generic={
         "vert_correction_rad": np.radians(ELEVATIONS_DEG),
         "rot_correction_rad": np.radians(ROTATIONS_DEG),
-        "vert_offset_m": -FOCAL_MM * 1e-3 * np.tan(np.radians(ELEVATIONS_DEG)),
+        "vert_offset_m": vertical_offsets_m(58.63, ELEVATIONS_DEG),
     },
     cycle_us=SHOTS_PER_COLUMN * SHOT_US,
     shot_us=SHOT_US,

@@ -66,15 +66,13 @@ class BlockUnit:
         """From column to column."""
         if isinstance(self.sensor, VelodyneSensor):
             return self.sensor.cycle_us * 1e3
-        both = next(layout for layout in self.sensor.layouts if layout.columns > 1)
-        columns = np.asarray(self.sensor.column_ns(both), np.float64)
-        return float(np.diff(columns).mean())
+        return self.sensor.cycle_ns
 
     @cached_property
     def _column_ns(self) -> Numbers:
         """(columns,) ns from the time stamp of a packet to its columns."""
         if isinstance(self.sensor, HesaiSensor):
-            return np.asarray(self.sensor.column_ns(self.layout), np.int64)
+            return self.sensor.column_ns(self.layout)
         columns: Numbers = np.rint(np.arange(self.layout.columns) * self._cycle_ns).astype(np.int64)
         return columns
 
