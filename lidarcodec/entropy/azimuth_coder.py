@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
+from lidarcodec import _native
 from lidarcodec.errors import SectionError
 from lidarcodec.units import AZIMUTH_TURN, MAX_COLUMNS
 
@@ -81,7 +81,7 @@ def encode_azimuth(azimuth: npt.NDArray[np.uint16], fired: npt.NDArray[np.bool_]
         raise SectionError(f"azimuth is {azimuth.dtype}{azimuth.shape}, not uint16(2, W) with W up to {MAX_COLUMNS}")
     if fired.dtype != np.bool_ or fired.shape != azimuth.shape:
         raise SectionError(f"fired is {fired.dtype}{fired.shape}, not bool{azimuth.shape}")
-    return fast.encode_azimuth(np.ascontiguousarray(azimuth), np.ascontiguousarray(fired))
+    return _native.encode_azimuth(np.ascontiguousarray(azimuth), np.ascontiguousarray(fired).view(np.uint8))
 
 
 def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.bool_]]:
@@ -91,7 +91,8 @@ def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt
     """
     if not 0 <= width <= MAX_COLUMNS:
         raise SectionError(f"a frame of {width} columns: the limit is {MAX_COLUMNS}")
-    return fast.decode_azimuth(data, width)
+    azimuth, fired = _native.decode_azimuth(data, width)
+    return azimuth, fired.view(np.bool_)
 
 
 def columns_in_turn(azimuth: npt.NDArray[np.uint16]) -> int | None:
@@ -99,7 +100,7 @@ def columns_in_turn(azimuth: npt.NDArray[np.uint16]) -> int | None:
 
     None if the sensor does not turn. It tells `encode_mask` how the rows lie to each other.
     """
-    return fast.columns_in_turn(np.ascontiguousarray(azimuth[0])) or None
+    return _native.columns_in_turn(np.ascontiguousarray(azimuth[0])) or None
 
 
 def _steps(azimuth: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:

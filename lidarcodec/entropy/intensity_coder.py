@@ -20,13 +20,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
-from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec import _native
+from lidarcodec.entropy.mask_coder import as_bytes, check_cells, check_fired, columns_of, frame_geometry
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.units import LASERS, MAX_COLUMNS
-
-_LONGEST_TURN = 65535
 
 
 def encode_intensity(
@@ -45,9 +42,9 @@ def encode_intensity(
     Raises SectionError if shapes do not fit, or a cell is set in a half that did not fire.
     """
     _check_values(values, returns, fired)
-    check_turn(turn)
-    arrays = (np.ascontiguousarray(values), np.ascontiguousarray(returns), np.ascontiguousarray(fired))
-    return fast.encode_intensity(*arrays, *row_geometry(sensor), turn or 0)
+    columns = columns_of(turn)
+    image = np.ascontiguousarray(values)
+    return _native.encode_intensity(image, as_bytes(returns), *frame_geometry(fired, sensor), columns)
 
 
 def choose_levels(
@@ -68,8 +65,8 @@ def choose_levels(
     _check_values(values, returns, fired)
     if not 2 <= levels <= 255:
         raise SectionError(f"{levels} intensity levels: 2 to 255 are possible")
-    arrays = (np.ascontiguousarray(values), np.ascontiguousarray(returns), np.ascontiguousarray(fired))
-    return fast.choose_levels(*arrays, *row_geometry(sensor), levels)
+    image = np.ascontiguousarray(values)
+    return _native.choose_levels(image, as_bytes(returns), *frame_geometry(fired, sensor), levels)
 
 
 def decode_intensity(
@@ -82,9 +79,7 @@ def decode_intensity(
     Raises SectionError or TruncatedError.
     """
     check_returns(returns, fired)
-    return fast.decode_intensity(
-        data, np.ascontiguousarray(returns), np.ascontiguousarray(fired), *row_geometry(sensor)
-    )
+    return _native.decode_intensity(data, as_bytes(returns), *frame_geometry(fired, sensor))
 
 
 def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
@@ -93,23 +88,7 @@ def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_],
         raise SectionError(f"intensities are {values.dtype}{values.shape}, not uint8{returns.shape}")
 
 
-def check_turn(turn: int | None) -> None:
-    """Refuses a number of columns that no turn has.
-
-    Raises SectionError.
-    """
-    if turn is not None and not 0 < turn <= _LONGEST_TURN:
-        raise SectionError(f"a turn of {turn} columns: the limits are 1 and {_LONGEST_TURN}")
-
-
 def check_returns(returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
-    """Refuses arrays that are not (64, W) and (2, W) bool, or wider than a frame can be.
-
-    Raises SectionError.
-    """
-    width = fired.shape[-1] if fired.ndim == 2 else -1
-    if width > MAX_COLUMNS:
-        raise SectionError(f"a frame of {width} columns: the limit is {MAX_COLUMNS}")
-    for name, array, shape in (("fired", fired, (2, width)), ("returns", returns, (LASERS, width))):
-        if array.dtype != np.bool_ or array.shape != shape:
-            raise SectionError(f"{name} is {array.dtype}{array.shape}, not bool{shape}")
+    """Raises SectionError if the arrays are not (64, W) and (2, W) bool, or wider than a frame can be."""
+    check_fired(fired)
+    check_cells("returns", returns, fired)

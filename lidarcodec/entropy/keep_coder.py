@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
-from lidarcodec.entropy.mask_coder import decode_mask, encode_mask, row_geometry
+from lidarcodec import _native
+from lidarcodec.entropy.mask_coder import as_bytes, decode_mask, encode_mask, frame_geometry
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
@@ -51,8 +51,8 @@ def encode_keep(
     dense = encode_mask(keep, fired, sensor, previous, turn=turn)
     if len(dense) == 1:
         return dense
-    given = (np.ascontiguousarray(keep), _azimuth(azimuth, fired), np.ascontiguousarray(fired))
-    sparse = fast.encode_keep(*given, *row_geometry(sensor), _earlier(previous, fired.shape[1]))
+    given = (_azimuth(azimuth, fired), *frame_geometry(fired, sensor), _earlier(previous, fired.shape[1]))
+    sparse = _native.encode_keep(as_bytes(keep), *given)
     return min(sparse, dense, key=len)
 
 
@@ -63,8 +63,8 @@ def decode_keep(data: bytes, azimuth: Azimuth, fired: Mask, sensor: SensorModel,
     """
     if not data or data[0] not in (SPARSE, SPARSE_WITH_EARLIER):
         return decode_mask(data, fired, sensor, previous)
-    given = (_azimuth(azimuth, fired), np.ascontiguousarray(fired))
-    return fast.decode_keep(data, *given, *row_geometry(sensor), _earlier(previous, fired.shape[1]))
+    given = (_azimuth(azimuth, fired), *frame_geometry(fired, sensor), _earlier(previous, fired.shape[1]))
+    return _native.decode_keep(data, *given).view(np.bool_)
 
 
 def _azimuth(azimuth: Azimuth, fired: Mask) -> Azimuth:
@@ -73,9 +73,9 @@ def _azimuth(azimuth: Azimuth, fired: Mask) -> Azimuth:
     return np.ascontiguousarray(azimuth)
 
 
-def _earlier(previous: Mask | None, width: int) -> Mask:
+def _earlier(previous: Mask | None, width: int) -> npt.NDArray[np.uint8]:
     if previous is None:
-        return np.zeros((LASERS, 0), np.bool_)
+        return np.zeros((LASERS, 0), np.uint8)
     if previous.dtype != np.bool_ or previous.shape != (LASERS, width):
         raise SectionError(f"an earlier mask is {previous.dtype}{previous.shape}, not bool{(LASERS, width)}")
-    return np.ascontiguousarray(previous)
+    return as_bytes(previous)

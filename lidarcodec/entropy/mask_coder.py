@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
+from lidarcodec import _native
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK, MAX_COLUMNS
@@ -41,12 +41,10 @@ def encode_mask(
 
     Raises SectionError if shapes do not fit, or a cell is set in a half that did not fire.
     """
-    width = _width(fired)
-    _check("mask", mask, (LASERS, width))
-    if turn is not None and not 0 < turn <= _LONGEST_TURN:
-        raise SectionError(f"a turn of {turn} columns: the limits are 1 and {_LONGEST_TURN}")
-    mask, fired, previous = np.ascontiguousarray(mask), np.ascontiguousarray(fired), _earlier(previous)
-    return fast.encode_mask(mask, fired, *row_geometry(sensor), previous, turn or 0)
+    check_fired(fired)
+    check_cells("mask", mask, fired)
+    columns = columns_of(turn)
+    return _native.encode_mask(as_bytes(mask), *frame_geometry(fired, sensor), _earlier(previous), columns)
 
 
 def decode_mask(
@@ -61,8 +59,8 @@ def decode_mask(
 
     Raises SectionError or TruncatedError, also when the mask needs an earlier one that is not given.
     """
-    _width(fired)
-    return fast.decode_mask(data, np.ascontiguousarray(fired), *row_geometry(sensor), _earlier(previous))
+    check_fired(fired)
+    return _native.decode_mask(data, *frame_geometry(fired, sensor), _earlier(previous)).view(np.bool_)
 
 
 def row_geometry(sensor: SensorModel) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int32]]:
@@ -71,19 +69,46 @@ def row_geometry(sensor: SensorModel) -> tuple[npt.NDArray[np.uint8], npt.NDArra
     return half, np.ascontiguousarray(sensor.calibration.table[_ROTATION_ROW][sensor.laser_of_ring])
 
 
-def _width(fired: npt.NDArray[np.bool_]) -> int:
+def frame_geometry(
+    fired: npt.NDArray[np.bool_], sensor: SensorModel
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], npt.NDArray[np.int32]]:
+    """What the native coders need to know of a frame: what fired, (2, W) uint8, and `row_geometry`."""
+    return as_bytes(fired), *row_geometry(sensor)
+
+
+def as_bytes(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """The cells as the native coders take them: contiguous uint8."""
+    return np.ascontiguousarray(cells).view(np.uint8)
+
+
+def columns_of(turn: int | None) -> int:
+    """Columns in a full turn as the native coders take them: 0 if they are to find it.
+
+    Raises SectionError for a number that no turn has.
+    """
+    if turn is not None and not 0 < turn <= _LONGEST_TURN:
+        raise SectionError(f"a turn of {turn} columns: the limits are 1 and {_LONGEST_TURN}")
+    return turn or 0
+
+
+def check_fired(fired: npt.NDArray[np.bool_]) -> None:
+    """Raises SectionError if this is not (2, W) bool, or wider than a frame can be."""
     width = fired.shape[-1] if fired.ndim == 2 else -1
     if width > MAX_COLUMNS:
         raise SectionError(f"a frame of {width} columns: the limit is {MAX_COLUMNS}")
     _check("fired", fired, (2, width))
-    return width
 
 
-def _earlier(previous: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_]:
+def check_cells(name: str, cells: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
+    """Raises SectionError if the cells are not (64, W) bool."""
+    _check(name, cells, (LASERS, fired.shape[1]))
+
+
+def _earlier(previous: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.uint8]:
     if previous is None:
-        return np.zeros((LASERS, 0), np.bool_)
+        return np.zeros((LASERS, 0), np.uint8)
     _check("an earlier mask", previous, (LASERS, previous.shape[-1] if previous.ndim == 2 else -1))
-    return np.ascontiguousarray(previous)
+    return as_bytes(previous)
 
 
 def _check(name: str, array: npt.NDArray[np.bool_], shape: tuple[int, int]) -> None:

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
+from lidarcodec import _native
 from lidarcodec.errors import SectionError
 
 STREAM_KINDS: Final = (6, 7)
@@ -42,7 +42,7 @@ class MaskStream:
     """
 
     def __init__(self) -> None:
-        self._native: Final = fast.NativeMaskStream()
+        self._native: Final = _native.MaskStream()
 
     def forget(self) -> None:
         """Forget everything: the next mask begins."""
@@ -65,7 +65,7 @@ class MaskStream:
         if mask.dtype != np.bool_:
             raise SectionError(f"a mask is {mask.dtype}, not bool")
         view = _view(azimuth, fired, beams, expected, motion)
-        return self._native.encode(np.ascontiguousarray(mask).view(np.uint8), view)
+        return self._native.encode(np.ascontiguousarray(mask).view(np.uint8), *view)
 
     def decode(
         self,
@@ -80,12 +80,12 @@ class MaskStream:
 
         Raises SectionError, also for one that goes on from masks that were not decoded here, or TruncatedError.
         """
-        return self._native.decode(data, _view(azimuth, fired, beams, expected, motion)).view(np.bool_)
+        return self._native.decode(data, *_view(azimuth, fired, beams, expected, motion)).view(np.bool_)
 
 
 def _view(
     azimuth: Azimuth, fired: Mask, beams: Numbers, expected: Ranges | None, motion: Numbers | None
-) -> fast.MaskView:
+) -> tuple[Azimuth, npt.NDArray[np.uint8], Numbers, Ranges, Numbers]:
     if fired.dtype != np.bool_:
         raise SectionError(f"fired is {fired.dtype}, not bool")
     return (

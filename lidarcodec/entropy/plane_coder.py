@@ -1,6 +1,6 @@
 """Planes of a frame as bytes: ranges, second ranges and attributes together. docs/wire-format-planes.md has the format.
 
-Works on all cells, with a return or without: sensors send attributes of both. The native coder is `fast.encode_planes`.
+Works on all cells, with a return or without: sensors send attributes of both.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.entropy import fast
 
 Unsigned = npt.NDArray[np.unsignedinteger]
 
@@ -58,7 +57,7 @@ def encode_planes(
     """
     ordered = in_order(forms)
     images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
-    return fast.encode_planes(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, quick=quick)
+    return _native.encode_planes(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, quick)
 
 
 def decode_planes(
@@ -70,7 +69,7 @@ def decode_planes(
     bytes are damaged, SettingsError if the forms do not fit together.
     """
     ordered = in_order(forms)
-    images = fast.decode_planes(data, columns, form_table(ordered), np.ascontiguousarray(shift, np.int32), step)
+    images = _native.decode_planes(data, columns, form_table(ordered), np.ascontiguousarray(shift, np.int32), step)
     return _by_name(forms, ordered, images, step)
 
 

@@ -22,9 +22,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import fast
-from lidarcodec.entropy.intensity_coder import check_returns, check_turn
-from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec import _native
+from lidarcodec.entropy.fast import NativeNets
+from lidarcodec.entropy.intensity_coder import check_returns
+from lidarcodec.entropy.mask_coder import as_bytes, columns_of, frame_geometry
 from lidarcodec.entropy.net_trainer import ReturnSamples
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
@@ -69,7 +70,7 @@ def known_columns(data: bytes) -> int | None:
 
     Raises TruncatedError.
     """
-    known = fast.known_columns(data)
+    known = _native.known_columns(data)
     return None if known == _WHOLE else known
 
 
@@ -77,20 +78,20 @@ class PredictiveCoder:
     """Codes the ranges of one frame after another; what one taught stays for the next, until `reset`.
 
     A decoder has to see the same frames as the encoder since the last `reset`. After an error only `reset` helps.
-    path: how it computes, one of `fast.coding_paths`; by default the quickest. Bytes do not depend on it.
+    path: how it computes, one of `coding_paths`; by default the quickest. Bytes do not depend on it.
     nets: networks that say what is likely to begin with, as codec `riddle` has them; a decoder needs the same
     """
 
-    def __init__(self, path: str = "", nets: fast.NativeNets | None = None) -> None:
-        self._native = fast.NativePredictiveCoder(path, nets)
+    def __init__(self, path: str = "", nets: NativeNets | None = None) -> None:
+        self._native = _native.PredictiveCoder(path, None if nets is None else nets.native)
 
     def reset(self) -> None:
         """Forget everything."""
         self._native.reset()
 
-    def change(self, nets: fast.NativeNets) -> None:
+    def change(self, nets: NativeNets) -> None:
         """Go on with other networks, where there were some; what contexts learned stays."""
-        self._native.change(nets)
+        self._native.change(nets.native)
 
     def encode(
         self,
@@ -124,7 +125,7 @@ class PredictiveCoder:
         Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
         """
         check_returns(returns, fired)
-        check_turn(turn)
+        columns = columns_of(turn)
         if firing < 0:
             raise SectionError(f"firings are counted from 0: {firing}")
         if ranges.dtype != np.uint16 or ranges.shape != returns.shape:
@@ -132,16 +133,17 @@ class PredictiveCoder:
         expected, known = _expectation(expected, returns), _WHOLE
         if sent is not None and (sent.dtype != np.uint16 or sent.shape != returns.shape):
             raise SectionError(f"what is sent is {sent.dtype}{sent.shape}, not uint16{returns.shape}")
-        into = sent
+        into = np.zeros((LASERS, 0), np.uint16) if sent is None else sent
         if slab_after is not None:
             known = slab_after.ranges.shape[1]
-            into = None if sent is None else np.zeros((LASERS, known + returns.shape[1]), np.uint16)
+            if sent is not None:
+                into = np.zeros((LASERS, known + returns.shape[1]), np.uint16)
             ranges = np.hstack([slab_after.ranges, ranges])
             returns, fired, expected = _with(slab_after, returns, fired, expected)
-        geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
-        given = (np.ascontiguousarray(ranges), np.ascontiguousarray(returns), step, _levels(levels), *geometry)
-        data = self._native.encode(*given, turn or 0, firing % FIRINGS, expected, known, samples, quick, into)
-        if sent is not None and into is not None and into is not sent:
+        given = (np.ascontiguousarray(ranges), as_bytes(returns), step, _levels(levels), *frame_geometry(fired, sensor))
+        drawn = None if samples is None else samples.native
+        data = self._native.encode(*given, columns, firing % FIRINGS, expected, known, drawn, quick, into)
+        if sent is not None and into is not sent:
             sent[:] = into[:, known:]
         return data
 
@@ -167,8 +169,7 @@ class PredictiveCoder:
             before = np.ascontiguousarray(slab_after.ranges)
             known = before.shape[1]
             returns, fired, seen = _with(slab_after, returns, fired, seen)
-        geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
-        given = (data, np.ascontiguousarray(returns), step, _levels(levels), *geometry, seen)
+        given = (data, as_bytes(returns), step, _levels(levels), *frame_geometry(fired, sensor), seen)
         image = self._native.decode(*given, known, before)
         return image if slab_after is None else image[:, before.shape[1] :]
 

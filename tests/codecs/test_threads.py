@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from lidarcodec import entropy
-from lidarcodec.entropy import fast
-from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec import _native, entropy
+from lidarcodec.entropy.mask_coder import frame_geometry
 from lidarcodec.motion.motion import STILL
 from lidarcodec.motion.warp import RangeHistory, beam_rows
 from tests.entropy.frames import all_fired, mask
@@ -35,24 +34,25 @@ def calls() -> dict[str, Callable[[], object]]:
     """What takes most of a frame's time, each way: the native calls alone, as numpy lets go of the interpreter, too."""
     fired, returns, ranges = all_fired(WIDTH), mask(WIDTH), scene(WIDTH)
     azimuth = np.tile(np.arange(WIDTH, dtype=np.uint16) * 17, (2, 1))
-    about = (fired, *row_geometry(SENSOR))
-    coder, nothing, seen = fast.NativePredictiveCoder(), np.zeros((64, 0), np.uint16), guess(ranges)
-    data = coder.encode(ranges, returns, 1, LEVELS, *about, 2000, 0, nothing, -1)
+    about, cells = frame_geometry(fired, SENSOR), returns.view(np.uint8)
+    coder, nothing, seen = _native.PredictiveCoder(), np.zeros((64, 0), np.uint16), guess(ranges)
+    rest = (-1, None, False, nothing)
+    data = coder.encode(ranges, cells, 1, LEVELS, *about, 2000, 0, nothing, *rest)
     history = RangeHistory()
     history.remember(ranges, azimuth, fired, SENSOR)
     of_columns = (azimuth, fired.view(np.uint8), beam_rows(SENSOR))
-    reader, no_mask = fast.NativePredictiveCoder(), np.zeros((64, 0), np.bool_)
-    masked = fast.encode_mask(returns, *about, no_mask, 2000)
+    reader, no_mask = _native.PredictiveCoder(), np.zeros((64, 0), np.uint8)
+    masked = _native.encode_mask(cells, *about, no_mask, 2000)
 
     def decode() -> None:
         reader.reset()
-        reader.decode(data, returns, 1, LEVELS, *about, nothing, -1, nothing)
+        reader.decode(data, cells, 1, LEVELS, *about, nothing, -1, nothing)
 
     return {
-        "ranges are encoded": lambda: coder.encode(ranges, returns, 1, LEVELS, *about, 2000, 0, seen, -1),
+        "ranges are encoded": lambda: coder.encode(ranges, cells, 1, LEVELS, *about, 2000, 0, seen, *rest),
         "ranges are decoded": decode,
-        "a mask is encoded": lambda: fast.encode_mask(returns, *about, no_mask, 2000),
-        "a mask is decoded": lambda: fast.decode_mask(masked, *about, no_mask),
+        "a mask is encoded": lambda: _native.encode_mask(cells, *about, no_mask, 2000),
+        "a mask is decoded": lambda: _native.decode_mask(masked, *about, no_mask),
         "ranges are expected": lambda: history.native.expected(STILL.numbers, *of_columns),
         "a motion is searched": lambda: history.native.find_motion(ranges, *of_columns, STILL.numbers, False),
     }

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec import api
-from lidarcodec.entropy import decode_keep, encode_keep, encode_mask, fast, keep_coder
-from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec import _native, api
+from lidarcodec.entropy import decode_keep, encode_keep, encode_mask, keep_coder
+from lidarcodec.entropy.mask_coder import as_bytes, frame_geometry, row_geometry
 from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.motion.history import MaskHistory
 from lidarcodec.reduction import make_reducer
@@ -43,7 +43,7 @@ def golden_case() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 def sparse(keep: np.ndarray, azimuth: np.ndarray, fired: np.ndarray, of: Sensor, earlier: np.ndarray | None) -> bytes:
     """As kind 4 or 5, whatever is smaller."""
     before = np.zeros((64, 0), np.bool_) if earlier is None else earlier
-    return fast.encode_keep(keep, azimuth, fired, *row_geometry(of), before)
+    return _native.encode_keep(as_bytes(keep), azimuth, *frame_geometry(fired, of), as_bytes(before))
 
 
 @st.composite

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.pcodec import compress_groups
-from lidarcodec.entropy import fast, plane_coder
+from lidarcodec.entropy import encode_azimuth, fast, plane_coder
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
 from tests.fuzz import extremes, session_seeds
 from tests.fuzz.inside_others import damaged_json
@@ -45,6 +46,11 @@ class Geometry(NamedTuple):
         half = (rows % 3 == 0 if mixed else rows >= LASERS // 2).astype(np.uint8)
         rotation = (turned * rows.astype(np.uint32) * np.uint32(40503001)).astype(np.uint32).view(np.int32)
         return cls(fired.reshape(2, width), half, rotation)
+
+    @property
+    def given(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], npt.NDArray[np.int32]]:
+        """As the native coders take it."""
+        return self.fired.view(np.uint8), self.half, self.rotation
 
     @property
     def cells(self) -> Mask:
@@ -85,7 +91,7 @@ def masks(rng: np.random.Generator) -> Iterator[bytes]:
             wide = 1 + split % 40 if kind & 1 else 0
             earlier = ((np.arange(LASERS * wide) * 7 + split) % 11 > 2).reshape(LASERS, wide)
             for mask in _shapes(of.cells, rng).values():
-                section = fast.encode_mask(mask, *of, earlier, 0)
+                section = _native.encode_mask(mask.view(np.uint8), *of.given, earlier.view(np.uint8), 0)
                 yield struct.pack(">H4BH", width, pattern, turned, split, kind, 0) + section
 
 
@@ -98,7 +104,7 @@ def keeps(rng: np.random.Generator) -> Iterator[bytes]:
             wide = width if kind & 1 else 0
             earlier = ((np.arange(LASERS * wide) * 7 + split) % 11 > 8).reshape(LASERS, wide)
             for keep in _shapes(of.cells, rng).values():
-                section = fast.encode_keep(keep, turns, *of, earlier)
+                section = _native.encode_keep(keep.view(np.uint8), turns, *of.given, earlier.view(np.uint8))
                 yield struct.pack(">H4BH", width, pattern, turned, split, kind, step) + section
 
 
@@ -109,8 +115,8 @@ def intensities(rng: np.random.Generator) -> Iterator[bytes]:
         for holes in (0, 100, 255):
             returns = of.returns(holes)
             for levels in (1, 2, 16, 256):
-                values = (rng.integers(0, levels, returns.shape) * 255 // max(levels - 1, 1)).astype(np.uint8)
-                section = fast.encode_intensity(np.where(returns, values, 0).astype(np.uint8), returns, *of, 0)
+                values = (rng.integers(0, levels, returns.shape) * 255 // max(levels - 1, 1) * returns).astype(np.uint8)
+                section = _native.encode_intensity(values, returns.view(np.uint8), *of.given, 0)
                 yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
 
 
@@ -164,10 +170,10 @@ def _section(of: Geometry, returns: Mask, image: npt.NDArray[np.int64], how: Cod
     coded = np.where(returns, image, 0).astype(np.uint16)
     coded[:, :known] = guesses[:, :known] | 1
     expected = guesses if how.expects else np.zeros((LASERS, 0), np.uint16)
-    sent = np.zeros(returns.shape, np.uint16) if how.free else None
+    sent = np.zeros_like(coded) if how.free else np.zeros((LASERS, 0), np.uint16)
     past = known if how.slab else _WHOLE
-    given = (coded, returns, how.step, level, *of, 0, 0, expected, past, None, how.quick, sent)
-    return fast.NativePredictiveCoder().encode(*given)
+    given = (coded, returns.view(np.uint8), how.step, level, *of.given, 0, 0, expected, past, None, how.quick, sent)
+    return _native.PredictiveCoder().encode(*given)
 
 
 def ranges(rng: np.random.Generator) -> Iterator[bytes]:
@@ -219,7 +225,7 @@ def azimuths(_: np.random.Generator) -> Iterator[bytes]:
     for seed in (1, 2):
         for frame in extremes.small(seed, 8):
             if frame.width < 500:
-                yield struct.pack(">H", frame.width) + fast.encode_azimuth(frame.azimuth, frame.fired)
+                yield struct.pack(">H", frame.width) + encode_azimuth(frame.azimuth, frame.fired)
 
 
 def numbers(rng: np.random.Generator) -> Iterator[bytes]:

@@ -154,7 +154,8 @@ class HesaiSensor(BlockSensor):
     def column_ns(self, layout: PacketLayout) -> Offsets:
         """(columns,) int64, ns from the packet's time stamp to each column, rounded down."""
         columns = np.arange(layout.columns) - (0 if self.anchor_is_first else layout.columns - 1)
-        return self.anchor_ns + np.floor(self.cycle_ns * columns).astype(np.int64)
+        times: Offsets = self.anchor_ns + np.floor(self.cycle_ns * columns).astype(np.int64)
+        return times
 
     def firing_ns(self, layout: BlockLayout, images: Images) -> Offsets:
         """(H, W) or (H, 1), ns from the start of a column to the firing of each channel, in the order of rows."""
