@@ -22,7 +22,6 @@ from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.units import FRAME_PACKETS, PACKET_INTERVAL_US
 
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
-MAX_VEHICLES = 1000
 
 
 def vehicle_names(prefix: str, first: int, count: int) -> list[str]:

@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,6 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 log = logging.getLogger(__name__)
 
-Array = npt.NDArray[Any]
 KITTI_FILES: Final = re.compile(r"\d{6,}\.bin|timestamps\.json")
 """Names of the files in a folder of KITTI .bin files."""
 

@@ -1,13 +1,6 @@
 """Entropy coding: adaptive binary range coder; the coders of mask, azimuth, range, intensity and side information."""
 
-from lidarcodec.entropy.azimuth_coder import (
-    RotationRuns,
-    columns_in_turn,
-    decode_azimuth,
-    encode_azimuth,
-    rotation_from_runs,
-    rotation_runs,
-)
+from lidarcodec.entropy.azimuth_coder import columns_in_turn, decode_azimuth, encode_azimuth
 from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
 from lidarcodec.entropy.intensity_coder import choose_levels, decode_intensity, encode_intensity
 from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
@@ -27,7 +20,6 @@ __all__ = [
     "NetTrainer",
     "PredictiveCoder",
     "ReturnSamples",
-    "RotationRuns",
     "TrainSettings",
     "columns_in_turn",
     "decode_azimuth",
@@ -45,6 +37,4 @@ __all__ = [
     "encode_side",
     "known_columns",
     "net_forms",
-    "rotation_from_runs",
-    "rotation_runs",
 ]

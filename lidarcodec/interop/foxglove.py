@@ -85,6 +85,7 @@ POINT_CLOUD: Final = Schema(
     "foxglove.PointCloud", descriptor_set((_TIME, _VECTOR, _QUATERNION, _POSE, _ELEMENT, _CLOUD))
 )
 FRAME_TRANSFORM: Final = Schema("foxglove.FrameTransform", descriptor_set((_TIME, _VECTOR, _QUATERNION, _TRANSFORM)))
+SCHEMAS: Final = {schema.name: schema for schema in (POINT_CLOUD, FRAME_TRANSFORM)}
 
 
 def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:

@@ -16,8 +16,6 @@ from lidarcodec.interop.cdr import CdrReader, CdrWriter
 from lidarcodec.packet import Packet
 from lidarcodec.units import PACKET_BYTES
 
-SCAN_PACKETS: Final = 348
-"""Packets of a message, as the driver cuts them for an HDL-64E at ten turns a second."""
 _STRIDE: Final = -(-(8 + PACKET_BYTES) // 4) * 4
 _SECOND: Final = 10**9
 

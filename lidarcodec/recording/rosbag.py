@@ -16,20 +16,17 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import IO, Any, Final, Self
+from typing import IO, Any, Final
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
-import lidarcodec
-from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
 from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import scan_of
 from lidarcodec.packet import Packet
+from lidarcodec.recording.mcap_file import McapFile
 from lidarcodec.sensors.clouds.message import ROS1
 
 PROFILE: Final = "ros2"
@@ -57,7 +54,7 @@ class Topic:
     count: int = 0
 
 
-class RosbagWriter:
+class RosbagWriter(McapFile):
     """Writes to an open binary file, which the caller closes.
 
     topics: the topics written so far;  left_out: messages that a bag of ROS 2 cannot hold
@@ -72,12 +69,10 @@ class RosbagWriter:
         frame_id: str = FRAME_ID,
     ) -> None:
         """frame_id: of packets and points."""
-        self._stream, self._finished = stream, False
+        super().__init__(stream, _CHUNK, compressed=True, profile=PROFILE)
         self._packets_topic, self._points_topic, self.frame_id = packets_topic, points_topic, frame_id
         self._topics: dict[str, Topic] = {}
         self._first_ns = self._last_ns = self.left_out = 0
-        self._mcap = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-        self._mcap.start(profile=PROFILE, library=f"lidarcodec {lidarcodec.__version__}")
 
     @property
     def topics(self) -> list[Topic]:
@@ -112,14 +107,6 @@ class RosbagWriter:
             self.left_out += 1
             return
         self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, data)
-
-    def close(self) -> None:
-        """Write index and footer. A second call does nothing. The file itself stays open."""
-        if not self._finished:
-            self._finished = True
-            with memory_told():
-                self._mcap.finish()  # type: ignore[no-untyped-call]
-            self._stream.flush()
 
     def not_kept(self) -> str:
         """What was left out, as a sentence; empty if nothing was."""
@@ -158,14 +145,6 @@ class RosbagWriter:
         }
         return yaml.safe_dump({"rosbag2_bagfile_information": about}, sort_keys=False)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _add(self, name: str, kind: ros.RosType, stamp_ns: int, data: bytes) -> None:
         topic = self._topics.get(name)
         if topic is None:
@@ -173,10 +152,9 @@ class RosbagWriter:
             metadata = {"offered_qos_profiles": "", "topic_type_hash": kind.type_hash}
             channel = self._mcap.register_channel(name, ENCODING, schema, metadata)
             topic = self._topics[name] = Topic(name, kind, channel)
-        at = max(0, stamp_ns)  # MCAP has no times before 1970
+        at = max(0, stamp_ns)
         began = any(one.count for one in self.topics)
         self._first_ns = min(self._first_ns, at) if began else at
         self._last_ns = max(self._last_ns, at)
-        with memory_told():
-            self._mcap.add_message(topic.channel, at, data, at, topic.count & 0xFFFFFFFF)
+        self._add_message(topic.channel, at, data, topic.count)
         topic.count += 1

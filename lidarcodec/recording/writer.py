@@ -7,14 +7,10 @@ show the file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import IO, Final
-
-from mcap.writer import CompressionType, Writer
 
 import lidarcodec
 from lidarcodec import wire
-from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.errors import HeaderError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import foxglove
@@ -28,6 +24,7 @@ from lidarcodec.recording.layout import (
     pack_batch,
     topic,
 )
+from lidarcodec.recording.mcap_file import McapFile
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.settings import StreamSettings, valid_name
 from lidarcodec.wire.header import MAJOR, MINOR
@@ -36,7 +33,7 @@ _ONE_MESSAGE: Final = 1
 """Chunk size. The MCAP writer closes a chunk of this size, so after each message."""
 
 
-class RecordingWriter:
+class RecordingWriter(McapFile):
     """Writes messages, packets or both of one sensor to an open binary file, which the caller closes."""
 
     def __init__(
@@ -54,12 +51,8 @@ class RecordingWriter:
         Raises SettingsError for an invalid name.
         """
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
-        self._stream = stream
-        self._finished = False
+        super().__init__(stream, _ONE_MESSAGE, compressed=clouds)  # messages cannot be compressed further
         self._channels: dict[str, int] = {}
-        compression = CompressionType.ZSTD if clouds else CompressionType.NONE  # messages cannot be compressed further
-        self._mcap = Writer(stream, chunk_size=_ONE_MESSAGE, compression=compression)
-        self._mcap.start(profile="", library=f"lidarcodec {lidarcodec.__version__}")
         about = {
             "format": f"{MAJOR}.{MINOR}",
             "version": lidarcodec.__version__,
@@ -77,80 +70,59 @@ class RecordingWriter:
         header = wire.peek(data)
         if header.total_bytes != len(data):
             raise HeaderError(f"the message should have {header.total_bytes} bytes, but has {len(data)}", 8)
-        self._add(MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
+        name = topic(self.vehicle, self.sensor, MESSAGE_ENCODING)
+        self._add(name, MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
 
     def write_packets(self, packets: Sequence[Packet]) -> None:
         """Add a batch of raw packets, for example of one frame; an empty batch is not written.
 
         Raises PacketError, SectionError, OSError.
         """
+        name = topic(self.vehicle, self.sensor, PACKET_ENCODING)
         for batch in batches_of(packets):
-            self._add(PACKET_ENCODING, batch[0].stamp_ns, pack_batch(batch), 0)
+            self._add(name, PACKET_ENCODING, batch[0].stamp_ns, pack_batch(batch), 0)
 
     def write_cloud(self, frame: Frame) -> None:
         """Add the points of a decoded frame as `foxglove.PointCloud`, and its pose if it has one.
 
         Cost: 18 ms and 1.85 MB for a frame of 120,000 points. Raises OSError.
         """
-        cloud_topic, transform_topic = cloud_topics(self.vehicle, self.sensor)
+        cloud_topic, pose_topic = cloud_topics(self.vehicle, self.sensor)
         name = f"{self.vehicle}/{self.sensor}"
         if frame.pose is not None:
-            data = foxglove.frame_transform(frame.stamp_ns, foxglove.WORLD, name, frame.pose)
-            self._add_foxglove(transform_topic, foxglove.FRAME_TRANSFORM, frame, data)
-        self._add_foxglove(cloud_topic, foxglove.POINT_CLOUD, frame, foxglove.point_cloud(frame, name))
+            pose = foxglove.frame_transform(frame.stamp_ns, foxglove.WORLD, name, frame.pose)
+            self._add(pose_topic, foxglove.ENCODING, frame.stamp_ns, pose, frame.index, foxglove.FRAME_TRANSFORM)
+        cloud = foxglove.point_cloud(frame, name)
+        self._add(cloud_topic, foxglove.ENCODING, frame.stamp_ns, cloud, frame.index, foxglove.POINT_CLOUD)
 
     def copy(self, channel: Channel, schema: str, stored: Stored) -> None:
         """Add a message of another recording unchanged. schema: name of its type, empty if it has none.
 
         Raises SourceError for a type that recordings of lidarcodec do not have, OSError.
         """
-        if channel.topic not in self._channels:
-            number = 0
-            if schema:
-                known = {one.name: one for one in (foxglove.POINT_CLOUD, foxglove.FRAME_TRANSFORM)}.get(schema)
-                if known is None:
-                    raise SourceError(
-                        f"{channel.topic} has type {schema}, which recordings of lidarcodec do not have: leave it out"
-                    )
-                number = self._mcap.register_schema(known.name, foxglove.ENCODING, known.data)
-            self._channels[channel.topic] = self._mcap.register_channel(channel.topic, channel.encoding, number)
-        self._store(self._channels[channel.topic], stored.log_time, stored.data(), stored.sequence)
+        if schema and schema not in foxglove.SCHEMAS:
+            raise SourceError(
+                f"{channel.topic} has type {schema}, which recordings of lidarcodec do not have: leave it out"
+            )
+        known = foxglove.SCHEMAS.get(schema)
+        self._add(channel.topic, channel.encoding, stored.log_time, stored.data(), stored.sequence, known)
 
     @property
     def bytes_written(self) -> int:
         """Bytes of the file so far."""
         return self._stream.tell()
 
-    def close(self) -> None:
-        """Write index and footer. A second call does nothing. The file itself stays open."""
-        if not self._finished:
-            self._finished = True
-            with memory_told():
-                self._mcap.finish()  # type: ignore[no-untyped-call]
-            self._stream.flush()
-
-    def __enter__(self) -> RecordingWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    def _add(
+        self,
+        name: str,
+        encoding: str,
+        stamp_ns: int,
+        data: bytes,
+        sequence: int,
+        schema: foxglove.Schema | None = None,
     ) -> None:
-        self.close()
-
-    def _add(self, encoding: str, stamp_ns: int, data: bytes, sequence: int) -> None:
-        if encoding not in self._channels:
-            name = topic(self.vehicle, self.sensor, encoding)
-            self._channels[encoding] = self._mcap.register_channel(name, encoding, schema_id=0)
-        self._store(self._channels[encoding], stamp_ns, data, sequence)
-
-    def _add_foxglove(self, name: str, schema: foxglove.Schema, frame: Frame, data: bytes) -> None:
         if name not in self._channels:
-            number = self._mcap.register_schema(schema.name, foxglove.ENCODING, schema.data)
-            self._channels[name] = self._mcap.register_channel(name, foxglove.ENCODING, schema_id=number)
-        self._store(self._channels[name], frame.stamp_ns, data, frame.index)
-
-    def _store(self, channel: int, stamp_ns: int, data: bytes, sequence: int) -> None:
-        at = max(0, stamp_ns)  # MCAP has no times before 1970
-        with memory_told():
-            self._mcap.add_message(channel, at, data, at, sequence & 0xFFFFFFFF)
+            number = 0 if schema is None else self._mcap.register_schema(schema.name, foxglove.ENCODING, schema.data)
+            self._channels[name] = self._mcap.register_channel(name, encoding, number)
+        self._add_message(self._channels[name], stamp_ns, data, sequence)
         self._stream.flush()

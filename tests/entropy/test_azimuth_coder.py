@@ -11,15 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import (
-    azimuth_coder,
-    columns_in_turn,
-    decode_azimuth,
-    encode_azimuth,
-    rotation_from_runs,
-    rotation_runs,
-)
-from lidarcodec.entropy.azimuth_coder import RotationRuns
+from lidarcodec.entropy import azimuth_coder, columns_in_turn, decode_azimuth, encode_azimuth
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from tests.entropy.frames import all_fired, frames, one_in_three
 from tests.reference import azimuth as reference_azimuth
@@ -163,31 +155,6 @@ def test_real_frames_cost_a_twentieth_of_a_byte_a_column(data_file):
         assert len(data) < 100
         np.testing.assert_array_equal(decode_azimuth(data, frame.width)[0], frame.azimuth)
         assert columns_in_turn(frame.azimuth) in range(2144, 2170)
-
-
-@given(st.lists(st.integers(0, 35999), max_size=50))
-def test_differences_and_runs_of_tu_2016_come_back(values):
-    azimuth = np.array(values, np.uint16)
-    np.testing.assert_array_equal(rotation_from_runs(rotation_runs(azimuth)), azimuth)
-
-
-def test_runs_of_an_even_turn_are_few():
-    runs = rotation_runs(np.arange(0, 36000, 18).astype(np.uint16))
-    assert (runs.first, runs.steps.tolist(), runs.counts.tolist()) == (0, [18], [1999])
-
-
-@pytest.mark.parametrize(
-    "runs",
-    [
-        RotationRuns(36000, np.zeros(0, np.uint16), np.zeros(0, np.uint32)),
-        RotationRuns(0, np.array([36000], np.uint16), np.array([1], np.uint32)),
-        RotationRuns(0, np.array([9], np.uint16), np.array([2**32 - 1], np.uint32)),
-        RotationRuns(0, np.array([9, 18], np.uint16), np.array([1], np.uint32)),
-    ],
-)
-def test_runs_that_are_none_are_refused(runs):
-    with pytest.raises(SectionError):
-        rotation_from_runs(runs)
 
 
 def test_columns_in_a_turn():

@@ -158,11 +158,6 @@ class LiveHub:
             return None
         return await found.made((view, fill), lambda: _picture(found.frame, view, fill), self._paint)
 
-    def watch_of(self, keys: StreamKeys) -> Watch | None:
-        """The watch of a stream, if there is one."""
-        place = self._places.get(keys)
-        return None if place is None else place.watch
-
     def watches(self) -> dict[StreamKeys, Watch]:
         """Streams that are watched now."""
         return {keys: place.watch for keys, place in self._places.items() if place.watch is not None}
