@@ -119,6 +119,7 @@ def test_a_port_that_is_asked_for_and_taken_is_refused_in_one_line():
     assert "cannot listen" in the_one_line(result)
 
 
+@pytest.mark.sweep
 def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
     screen, theirs = pty.openpty()
     process = demo("--no-browser", stdout=theirs)

@@ -23,7 +23,7 @@ VARIANTS = {
     "riddle without memory": contract.from_table("riddle", memory=False),
 }
 """Settings of a codec that change what its messages refer to."""
-VARIANTS_AT_ONCE = ("pcodec with mask history", "predictive with motion", "riddle at most effort")
+VARIANTS_AT_ONCE = ("pcodec with mask history", "predictive with motion")
 
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))

@@ -74,6 +74,7 @@ def test_the_command_says_what_it_lacks(
     assert not (tmp_path / "w.lcrw").exists()
 
 
+@pytest.mark.sweep
 def test_as_many_weights_stay_as_are_asked_for(tmp_path: Path) -> None:
     wanted = replace(RUN, sizes=("small", "large"), kinds=("alone",), steps=20)
     for tiles, left in ((1.0, [1.0, 1.0]), (0.78, [0.78, 0.78]), (None, [0.6, 0.6])):
