@@ -1,6 +1,7 @@
 """Decoder of frames of other sensors than the HDL-64E, on the native core's decoder of a stream (native/src/session).
 
-The session reads all of a frame of images. Of a point cloud it reads the sensor, and the CLOUD section is read here.
+The session reads all of a frame of images. Of a point cloud it reads the sensor, and the CLOUD section is read here. Of
+a model that the package has and the core does not have yet, layout and directions are those of the package.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from lidarcodec.entropy.rest_coder import rest_of
 from lidarcodec.entropy.zstd_frames import decompress
 from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
-from lidarcodec.image_frame import cloud_frame, frame_of_planes, in_types_of_layout
+from lidarcodec.image_frame import cloud_frame, frame_of_planes, image_frame, in_types_of_layout
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.clouds.section import decode_cloud
 from lidarcodec.planes.lattice_section import inflated
 from lidarcodec.planes.other_calibrations import described_sensor
+from lidarcodec.sensors.models.table import is_known
 
 
 class PlaneDecoder:
@@ -35,7 +37,7 @@ class PlaneDecoder:
         if name not in KINDS:
             raise UnsupportedVersionError(f"codec {name} does not write frames of this sensor")
         self.codec_id = codec_id
-        self._session: Final = _native.Session(decompress, inflated, shipped_file, False)
+        self._session: Final = _native.Session(decompress, inflated, shipped_file, False, is_known)
 
     def decode(self, message: Message) -> list[Frame]:
         """The message's frame.
@@ -55,9 +57,11 @@ class PlaneDecoder:
             if sensor.is_cloud:
                 cloud = decode_cloud(message.section(SectionType.CLOUD))
                 frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, cloud.grid)
-            else:
+            elif _native.knows_model(sensor.model):
                 typed = in_types_of_layout(found, sensor)
                 frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, typed, sensor)
+            else:
+                frame = image_frame(index, stamp_ns, dict(planes), found, sensor)
         except BaseException:
             self._session.cut()
             raise

@@ -1,5 +1,6 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/string_view.h>
 
 #include <algorithm>
 #include <memory>
@@ -132,14 +133,17 @@ void bind_session(nb::module_& m) {
                       "Decoder of one stream: native/src/session. Not for two threads at once; waits for nothing.")
       .def(
           "__init__",
-          [](Session* self, Unzstd unzstd, Inflate inflate, FindWeights weights, bool reads_ranges) {
-            new (self) Session(
-                std::make_unique<Given>(std::move(unzstd), std::move(inflate), std::move(weights), reads_ranges));
+          [](Session* self, Unzstd unzstd, Inflate inflate, FindWeights weights, bool reads_ranges,
+             std::optional<TakesModel> takes_model) {
+            new (self) Session(std::make_unique<Given>(std::move(unzstd), std::move(inflate), std::move(weights),
+                                                       reads_ranges, std::move(takes_model)));
           },
           nb::arg("unzstd"), nb::arg("inflate"), nb::arg("weights"), nb::arg("reads_ranges"),
+          nb::arg("takes_model") = nb::none(),
           "unzstd: (frame, size) -> the bytes of one zstd frame; inflate: (stream, most) -> the bytes of one zlib "
           "stream, or None if it is damaged or holds more; weights: name -> weight file, or None; reads_ranges: the "
-          "caller reads the ranges by itself.")
+          "caller reads the ranges by itself; takes_model: whether the caller takes frames of a model of sensor that "
+          "`knows_model` does not know.")
       .def("decode", &decode, nb::arg("message"),
            "Planes of a `Message` of one frame of an HDL-64E, W columns: range (64, W), zeros where the caller reads "
            "ranges; intensity (64, W), azimuth (2, W), fired (2, W), returns (64, W), pose (3, 4) or None, and the "
@@ -150,8 +154,12 @@ void bind_session(nb::module_& m) {
            "convention, range step in 1e-7 m, H, model, description, table (11, H) int32 in the machine's byte order); "
            "names and images of its planes, (H, W) uint8, uint16 or uint32; its rest as of `decode_rest`; azimuth (W,) "
            "uint16; the columns that were sent, (K,) uint16, or None for all; pose (3, 4) or None. Of a point cloud "
-           "the sensor, rest and pose alone. Raises DecodeError.")
+           "the sensor, rest and pose alone. Of a model that `knows_model` does not know, layout and series are not "
+           "checked, and azimuth is 0. Raises DecodeError.")
       .def("cut", &Session::cut, "Refuse messages that need another until one that needs none is decoded.");
+  m.def(
+      "knows_model", [](std::string_view model) { return is_known_model(model); }, nb::arg("model"),
+      "Whether the core has the layouts and directions of a model of sensor beside the HDL-64E.");
   m.def("decode_plane_section", &decode_planes_section, nb::arg("data"), nb::arg("columns"), nb::arg("unzstd"),
         "Names and images of the planes of a PLANES section that begins a stream, (H, `columns`) uint8, uint16 or "
         "uint32 each. Raises DecodeError.");

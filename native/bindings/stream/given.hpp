@@ -9,6 +9,7 @@
 
 using Unzstd = nb::typed<nb::callable, nb::bytes(nb::bytes, nb::int_)>;
 using Inflate = nb::typed<nb::callable, std::optional<nb::bytes>(nb::bytes, nb::int_)>;
+using TakesModel = nb::typed<nb::callable, bool(nb::str)>;
 using FindWeights = nb::typed<nb::callable, std::optional<nb::bytes>(nb::str)>;
 
 inline lidarcodec::Bytes bytes_of(const nb::bytes& data) { return {data_of(data), data.size()}; }
@@ -36,11 +37,12 @@ class GivenUnzstd : public lidarcodec::Outside {
 
 class Given final : public GivenUnzstd {
  public:
-  Given(Unzstd unzstd, Inflate inflate, FindWeights weights, bool reads_ranges)
+  Given(Unzstd unzstd, Inflate inflate, FindWeights weights, bool reads_ranges, std::optional<TakesModel> takes_model)
       : GivenUnzstd(std::move(unzstd)),
         inflate_(std::move(inflate)),
         weights_(std::move(weights)),
-        reads_ranges_(reads_ranges) {}
+        reads_ranges_(reads_ranges),
+        takes_model_(std::move(takes_model)) {}
 
   std::optional<std::vector<std::uint8_t>> inflated(lidarcodec::Bytes stream, std::size_t most) const override {
     nb::gil_scoped_acquire lock;
@@ -50,6 +52,12 @@ class Given final : public GivenUnzstd {
   bool reads_ranges(lidarcodec::Codec) const override { return reads_ranges_; }
 
   bool reads_clouds() const override { return true; }
+
+  bool takes_model(const std::string& name) const override {
+    if (!takes_model_) return false;
+    nb::gil_scoped_acquire lock;
+    return nb::cast<bool>((*takes_model_)(name));
+  }
 
   std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const override {
     nb::gil_scoped_acquire lock;
@@ -66,4 +74,5 @@ class Given final : public GivenUnzstd {
   Inflate inflate_;
   FindWeights weights_;
   bool reads_ranges_;
+  std::optional<TakesModel> takes_model_;
 };

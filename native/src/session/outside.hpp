@@ -27,6 +27,9 @@ class Outside {
   virtual bool reads_ranges(Codec) const { return false; }
   // Whether the program reads CLOUD sections by itself; by default it does not, and messages that have one are refused.
   virtual bool reads_clouds() const { return false; }
+  // Whether the program takes frames of a sensor that this core does not know: it then checks their layout and series,
+  // and finds the directions of their columns; by default it does not, and such messages are refused.
+  virtual bool takes_model(const std::string&) const { return false; }
   // The samples of a picture of 16 bits, row after row; nothing if it is damaged or has another size.
   virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width,
                                                             std::size_t height) const;

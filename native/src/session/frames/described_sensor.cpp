@@ -47,11 +47,11 @@ std::shared_ptr<const DescribedSensor> read_described(Bytes data, const Outside&
   sensor->name.assign(name.begin(), name.end());
   sensor->model.assign(model.begin(), model.end());
   sensor->description.assign(description.begin(), description.end());
-  if (!is_known_model(sensor->model))
-    throw Error(ErrorCode::Section,
-                (is_plain_name(model, "-") ? "a sensor of model '" + sensor->model.substr(0, kShownModel) + "'"
-                                           : std::string("a sensor of a model")) +
-                    ", which this build does not know: update it");
+  const bool plain_model = is_plain_name(model, "-");
+  if (!is_known_model(sensor->model) && !(plain_model && outside.takes_model(sensor->model)))
+    throw Error(ErrorCode::Section, (plain_model ? "a sensor of model '" + sensor->model.substr(0, kShownModel) + "'"
+                                                 : std::string("a sensor of a model")) +
+                                        ", which this build does not know: update it");
 
   const Bytes table = Bytes(plain).subspan(reader.at());
   sensor->table.lasers = rows;

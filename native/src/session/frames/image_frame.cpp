@@ -48,7 +48,7 @@ void take_layout(ImageFrame& frame) {
   const DescribedSensor& sensor = *frame.sensor;
   const std::string& name = frame.rest.layout;
   frame.azimuth.assign(frame.width, 0);
-  if (name.empty()) return;
+  if (name.empty() || !is_known_model(sensor.model)) return;
   frame.layout = sensor.family == nullptr ? nullptr : sensor.family->layout(name);
   if (frame.layout == nullptr) damaged("a layout '" + name + "' that sensor " + sensor.model + " does not have");
   const std::size_t packets = frame.rest.packet_ns.size() - frame.rest.odd.size();

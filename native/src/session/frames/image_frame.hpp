@@ -15,7 +15,8 @@ struct ImageFrame {
   std::vector<std::size_t> lattice;  // the columns that were sent, ascending, where the frame was thinned to some
   PacketRest rest;
   const PacketLayout* layout = nullptr;  // of the sensor's family; nothing if all packets are odd
-  std::vector<std::uint16_t> azimuth;    // (W,) 0.01 degree, 0 to 35999, clockwise; 0 without a layout
+  std::vector<std::uint16_t> azimuth;    // (W,) 0.01 degree, 0 to 35999, clockwise; 0 without a layout, and of models
+                                         // that only the program knows
 
   // nullptr if there is none.
   const NamedPlane* named(std::string_view name) const;
