@@ -55,9 +55,8 @@ def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
     """
     given = changes.get("codec_settings")
     for name, value in given.items() if isinstance(given, dict) else ():
-        if not isinstance(value, str) or not value or value == settings.codec_settings.get(name):
-            continue
-        if not is_name(value) or value.endswith(".lcrw"):
+        ours = value == settings.codec_settings.get(name)
+        if isinstance(value, str) and value and not ours and (not is_name(value) or value.endswith(".lcrw")):
             raise SettingsError(
                 f"codec_settings.{name} must be a name here, not a path: 1 to 64 of A-Z a-z 0-9 _ . - and no file "
                 "ending. Only the vehicle's own command line takes paths",

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -75,6 +76,18 @@ class Reduction(NamedTuple):
     example: str | None = None
     budgeted: bool = True
     note: str | None = None
+
+
+def every_nth(rule: str, most: int) -> Callable[[str], int]:
+    """The check of an argument n, from 1 to `most`: gives the number, or raises ValueError with the rule."""
+
+    def step_of(argument: str) -> int:
+        number = int(argument) if re.fullmatch(f"[0-9]{{1,{len(str(most))}}}", argument) else 0
+        if not 1 <= number <= most:
+            raise ValueError(f"{rule}, with n from 1 to {most}")
+        return number
+
+    return step_of
 
 
 def with_kept(frame: Frame, cells: Cells) -> Frame:

@@ -2,24 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from lidarcodec.frame import Frame
-from lidarcodec.reduction.base import Reducer, Reduction
+from lidarcodec.reduction.base import Reducer, Reduction, every_nth
 
-MOST: Final = 1000
-
-
-def step_of(argument: str) -> int:
-    """The n of `columns:n`.
-
-    Raises ValueError.
-    """
-    if not (argument.isascii() and argument.isdigit() and 1 <= int(argument[:5]) <= MOST and len(argument) < 5):
-        raise ValueError(f"columns:n keeps every n-th column, with n from 1 to {MOST}")
-    return int(argument)
+step_of = every_nth("columns:n keeps every n-th column", most=1000)
 
 
 class Columns(Reducer):

@@ -7,17 +7,9 @@ from __future__ import annotations
 
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import MAX_STEP, on_lattice
-from lidarcodec.reduction.base import Reducer, Reduction
+from lidarcodec.reduction.base import Reducer, Reduction, every_nth
 
-
-def step_of(argument: str) -> int:
-    """The n of `lattice:n`.
-
-    Raises ValueError.
-    """
-    if not (argument.isascii() and argument.isdigit() and len(argument) < 3 and 1 <= int(argument) <= MAX_STEP):
-        raise ValueError(f"lattice:n sends every n-th column, with n from 1 to {MAX_STEP}")
-    return int(argument)
+step_of = every_nth("lattice:n sends every n-th column", MAX_STEP)
 
 
 class LatticeReducer(Reducer):

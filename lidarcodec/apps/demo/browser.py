@@ -11,15 +11,16 @@ SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def browser() -> webbrowser.BaseBrowser | None:
-    """A browser with a window, or the one in the variable BROWSER; None if there is none."""
-    if not os.environ.get("BROWSER") and sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
+    """The one that the variable BROWSER names, otherwise one with a window; None if there is none."""
+    wanted = os.environ.get("BROWSER")
+    if not wanted and sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         return None
     try:
         found = webbrowser.get()
     except webbrowser.Error:
         return None
-    in_the_terminal = type(found) is webbrowser.GenericBrowser and not os.environ.get("BROWSER")
-    return None if in_the_terminal else found
+    in_the_terminal = type(found) is webbrowser.GenericBrowser
+    return found if wanted or not in_the_terminal else None
 
 
 def show(address: str) -> bool:

@@ -1,13 +1,7 @@
 """Values for cells without a return that cost an image codec few bits. The decoder discards them.
 
-Measured on every 16th frame of the two KITTI training drives (sfnd, 0013), bits a point without the mask:
-
-| filling | JPEG at an RMSE of 5 cm | lossless JPEG XL, effort 1 | lossless PNG |
-|---|---|---|---|
-| last return to the left | 2.32, 3.38 (`filled_left`) | 7.95, 8.77 | 9.10, 9.84 |
-| straight line along the row | 2.31, 3.37 | 8.83, 9.32 | 9.47, 10.08 |
-| clamped gradient (`filled_predicted`) | | 7.55, 8.52 | 9.45, 10.05 |
-| line, then three projections a block (`filled_blocks`) | 2.21, 3.32 | | |
+JPEG XL predicts by a clamped gradient, PNG from the left. With the values that it predicts itself, each needs 0.3 bit
+a point less than with those that the other predicts.
 """
 
 from __future__ import annotations
@@ -32,8 +26,7 @@ def filled_blocks(samples: Samples, known: Mask, steps: npt.NDArray[np.uint16]) 
 
     H and W are multiples of 8. 2 ms for 64 x 2264.
     """
-    filled: Samples = _native.fill_blocks(samples, known.view(np.uint8), steps, ROUNDS)
-    return filled
+    return _native.fill_blocks(samples, known.view(np.uint8), steps, ROUNDS)
 
 
 def filled_lines(samples: Samples, known: Mask) -> Samples:
@@ -41,14 +34,12 @@ def filled_lines(samples: Samples, known: Mask) -> Samples:
 
     H and W are multiples of 8.
     """
-    filled: Samples = _native.fill_blocks(samples, known.view(np.uint8), np.ones(64, np.uint16), 0)
-    return filled
+    return _native.fill_blocks(samples, known.view(np.uint8), np.ones(64, np.uint16), 0)
 
 
 def filled_predicted(values: Ranges, known: Mask) -> Ranges:
     """(H, W) uint16, for codecs that predict from left, above and above left: each hole is what the codec predicts."""
-    filled: Ranges = _native.fill_predicted(values, known.view(np.uint8))
-    return filled
+    return _native.fill_predicted(values, known.view(np.uint8))
 
 
 def filled_left(values: Ranges, known: Mask) -> Ranges:

@@ -19,14 +19,13 @@ struct Returns {
 // straight up or down. Raises Section if an azimuth is out of range.
 Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table);
 
-// How cheap returns are to send. level: (N,), 0 to 27, the lattice level of the direction times kRowLevels plus that of
-// the row. order: (N,), places in the list, by rising level, then in range-image order.
+// How cheap returns are to send.
 struct Lattice {
-  std::vector<std::uint32_t> order;
-  std::vector<std::uint8_t> level;
+  std::vector<std::uint32_t> order;  // (N,), places in the list, by rising level, then in range-image order
+  std::vector<std::uint8_t> level;   // (N,), 0 to 27: kRowLevels times the level of the direction, plus that of the row
 };
 
-// cell: (N,), each below 64 * W, rising. Raises Section otherwise.
+// cell: (N,) = `count`, each below 64 * W, rising. Raises Section otherwise.
 Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& columns, const BeamTable& table);
 
 }  // namespace lidarcodec

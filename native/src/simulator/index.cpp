@@ -1,12 +1,19 @@
 #include "simulator/index.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 namespace lidarcodec::sim {
 
 void Index::build(const std::vector<const Object*>& objects, V3 center, double reach, double slack, double seconds) {
+  struct Near {
+    double distance;
+    std::size_t order;
+    const Object* object;
+  };
+  std::vector<Near> nearest;
   for (auto& sector : sectors_) sector.clear();
-  sorted_.clear();
   for (const Object* object : objects) {
     const double wx = center.x - object->at.x, wy = center.y - object->at.y;
     const double x = object->c * wx + object->s * wy, y = object->c * wy - object->s * wx;
@@ -14,13 +21,13 @@ void Index::build(const std::vector<const Object*>& objects, V3 center, double r
     const double dy = max_of(max_of(object->lo[1] - y, y - object->hi[1]), 0.0);
     const double moved = (abs_of(object->vx) + abs_of(object->vy)) * seconds;
     const double distance = std::sqrt(dx * dx + dy * dy) - slack - moved;
-    if (distance < reach) sorted_.push_back({distance, sorted_.size(), object});
+    if (distance < reach) nearest.push_back({distance, nearest.size(), object});
   }
   // A stable order, independent of the library's sort: ties keep the order of the world's objects.
-  std::sort(sorted_.begin(), sorted_.end(), [](const Near& a, const Near& b) {
+  std::sort(nearest.begin(), nearest.end(), [](const Near& a, const Near& b) {
     return a.distance != b.distance ? a.distance < b.distance : a.order < b.order;
   });
-  for (const Near& near : sorted_) {
+  for (const Near& near : nearest) {
     const Object& o = *near.object;
     const double wx = o.at.x - center.x, wy = o.at.y - center.y;
     double lo = 0, hi = 4.0, farthest = 0, first = 0;

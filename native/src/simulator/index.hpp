@@ -1,7 +1,6 @@
 // The objects that a beam can hit. The horizon around the sensor is divided into sectors; each lists the objects that
 // reach into it, nearest first, with the elevations that they cover.
 #pragma once
-#include <cstdint>
 #include <vector>
 
 #include "simulator/scene.hpp"
@@ -22,14 +21,8 @@ class Index {
     float tan_lo, tan_hi;  // tangents of the elevations
     const Object* object;
   };
-  struct Near {
-    double distance;
-    std::size_t order;
-    const Object* object;
-  };
   static constexpr int kSectors = 1024;
   std::vector<std::vector<Entry>> sectors_ = std::vector<std::vector<Entry>>(kSectors);
-  std::vector<Near> sorted_;
 };
 
 }  // namespace lidarcodec::sim
