@@ -205,9 +205,9 @@ std::vector<std::uint8_t> decode_mask(const std::uint8_t* data, std::size_t size
   if (size == 0) throw Error(ErrorCode::Truncated, "a mask section holds no bytes");
   const std::size_t width = geometry.width;
   const std::uint8_t kind = data[0];
-  std::vector<std::uint8_t> mask(kMaskRows * width);
   if (kind == kNone || kind == kAll) {
     if (size != 1) throw Error(ErrorCode::Section, "bytes after the end of a mask section", 1);
+    std::vector<std::uint8_t> mask(kMaskRows * width);
     for (std::size_t row = 0; kind == kAll && row < kMaskRows; ++row) {
       std::copy_n(geometry.fired + geometry.half[row] * width, width, mask.data() + row * width);
     }
@@ -227,15 +227,7 @@ std::vector<std::uint8_t> decode_mask(const std::uint8_t* data, std::size_t size
   std::vector<std::uint8_t> rows(kMaskRows * width);
   BitReader bits(data + header, size - header);
   code_mask(bits, layout, width, shifts, earlier, rows.data());
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    const std::uint8_t* from = rows.data() + row * width;
-    if (layout.whole(row)) {
-      std::copy_n(from, width, mask.data() + row * width);
-    } else {
-      for (const std::uint32_t column : layout.columns(row)) mask[row * width + column] = *from++;
-    }
-  }
-  return mask;
+  return layout.opened(rows);
 }
 
 }  // namespace lidarcodec

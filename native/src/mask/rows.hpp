@@ -60,6 +60,21 @@ class MaskLayout {
   // Whether cell k of a row is column k.
   bool whole(std::size_t row) const { return cells(row) == geometry_.width; }
 
+  // (64, W), 0 where nothing fired, of rows that are closed up as in ClosedRows.
+  std::vector<std::uint8_t> opened(const std::vector<std::uint8_t>& closed) const {
+    std::vector<std::uint8_t> mask(closed.size());
+    for (std::size_t row = 0; row < kMaskRows; ++row) {
+      const std::uint8_t* from = closed.data() + row * geometry_.width;
+      std::uint8_t* to = mask.data() + row * geometry_.width;
+      if (whole(row)) {
+        std::copy_n(from, geometry_.width, to);
+      } else {
+        for (const std::uint32_t column : columns(row)) to[column] = *from++;
+      }
+    }
+    return mask;
+  }
+
   // The shift, in cells, of row `above` to the right of the same directions in `row`; turn: columns in a full turn.
   std::int64_t shift(std::size_t above, std::size_t row, std::uint32_t turn) const {
     if (geometry_.width == 0) return 0;

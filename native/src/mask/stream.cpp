@@ -144,19 +144,10 @@ std::vector<std::uint8_t> MaskStream::decode(const std::uint8_t* data, std::size
     throw Error(ErrorCode::Section, "a mask section needs those of earlier frames");
   begin(data[0] == kMaskBegins);
   const MaskLayout layout(view.geometry);
-  const std::size_t width = view.geometry.width;
-  std::vector<std::uint8_t> rows(kMaskRows * width), mask(kMaskRows * width);
+  std::vector<std::uint8_t> rows(kMaskRows * view.geometry.width);
   BitReader bits(data + 1, size - 1);
   code_on_path(bits, view, rows.data());
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    const std::uint8_t* from = rows.data() + row * width;
-    if (layout.whole(row)) {
-      std::copy_n(from, width, mask.data() + row * width);
-    } else {
-      for (const std::uint32_t column : layout.columns(row)) mask[row * width + column] = *from++;
-    }
-  }
-  return mask;
+  return layout.opened(rows);
 }
 
 }  // namespace lidarcodec
