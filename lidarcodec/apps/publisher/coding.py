@@ -15,10 +15,10 @@ from lidarcodec.settings import StreamSettings
 
 
 class Coding:
-    """An encoder with its process, with the choice of codec `auto`, and with learning.
+    """An encoder, the process that it may run in, the choice of codec `auto`, and learning.
 
-    asked: the settings as requested; interval_s: time between two packets of the source
-    isolate: which encoders run in a process of their own; failed: called with the errors of these processes
+    asked: the settings as requested; interval_s: time between two packets of the source; isolate: as of `Isolation`
+    failed: called with the errors of the process; once: takes the errors of learning
     """
 
     def __init__(
@@ -51,10 +51,10 @@ class Coding:
 
     def state(self) -> dict[str, Any]:
         """For the status."""
-        codec, images = self.codec, self.encoder.images
+        images = self.encoder.images
         return {
-            "codec": codec,
-            "codec_choice": self.choosing.state(codec),
+            "codec": self.codec,
+            "codec_choice": self.choosing.state(self.codec),
             "rate": self.encoder.rate,
             "images": None if images is None else images._asdict(),
             "reduction": self.encoder.reduction,

@@ -22,7 +22,7 @@ HIRES_ELEVATIONS_DEG = (
     *(-10, 0.667, -8.667, 2, -7.333, 3.333, -6, 4.667),
     *(-4.667, 6, -3.333, 7.333, -2, 8.667, -0.667, 10),
 )
-HIRES_OFFSETS_MM = (7.4, -0.9, 6.5, -1.8, 5.5, -2.7, 4.6, -3.7, 3.7, -4.6, 2.7, -5.5, 1.8, -6.5, 0.9, -7.4)
+HIRES_VERTICAL_OFFSETS_MM = (7.4, -0.9, 6.5, -1.8, 5.5, -2.7, 4.6, -3.7, 3.7, -4.6, 2.7, -5.5, 1.8, -6.5, 0.9, -7.4)
 
 SENSOR = VelodyneSensor(
     name="vlp16",
@@ -46,6 +46,6 @@ HIRES = replace(
     layouts=velodyne_layouts(0x24, rows_of(HIRES_ELEVATIONS_DEG)),
     generic={
         "vert_correction_rad": np.radians(HIRES_ELEVATIONS_DEG),
-        "vert_offset_m": np.array(HIRES_OFFSETS_MM) * 1e-3,
+        "vert_offset_m": np.divide(HIRES_VERTICAL_OFFSETS_MM, 1e3),
     },
 )
