@@ -20,6 +20,7 @@ from lidarcodec.bridges.rmw_zenoh import Node, Publisher, checked_topic
 from lidarcodec.errors import SourceError
 from lidarcodec.interop.ros import POINT_CLOUD2
 from lidarcodec.packet import Packet
+from lidarcodec.sensors.clouds.message import MAX_MESSAGE
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.cloud_packets import CloudPackets
@@ -38,7 +39,8 @@ HUMBLE: Final = "humble"
 class RosSource(PacketSource):
     """Messages of one topic, each a packet, with the time of its header.
 
-    Counts: `queue drops` (messages that nobody read in time), `too long`, `no clouds` (other messages; they are given)
+    Counts: `queue drops` (messages that nobody read in time), `too long` (of more than 32 MiB; they do not wait, nor are
+    they given), `no clouds` (other messages; they are given)
     """
 
     def __init__(
@@ -61,7 +63,7 @@ class RosSource(PacketSource):
         self._own = transport is None
         self._transport = open_transport(Endpoints.of(connect=router)) if transport is None else transport
         self._queue: queue.Queue[bytes] = queue.Queue(WAITING)
-        self._idle_s, self._dropped, self._ends = idle_s, 0, False
+        self._idle_s, self._dropped, self._too_long, self._ends = idle_s, 0, 0, False
         try:
             self._inbox = self._transport.inbox(key)
             self._thread = threading.Thread(target=self._receive, name=f"lidarcodec {topic}", daemon=True)
@@ -106,9 +108,9 @@ class RosSource(PacketSource):
                 return
             yield from clouds.of(message)
             message = None
-            self.counts["queue drops"] = self._dropped
-            if not self._dropped:
-                del self.counts["queue drops"]
+            for cause, count in (("queue drops", self._dropped), ("too long", self._too_long)):
+                if count:
+                    self.counts[cause] = count
 
     def finish(self) -> None:
         """End: `packets` gives what has come by now, then ends."""
@@ -128,6 +130,9 @@ class RosSource(PacketSource):
     def _receive(self) -> None:
         """In a thread of its own: messages from the network, which keeps one, into the queue."""
         while (message := self._inbox.receive()) is not None:
+            if len(message) > MAX_MESSAGE:
+                self._too_long += 1
+                continue
             while True:
                 try:
                     self._queue.put_nowait(message)

@@ -15,6 +15,7 @@ from lidarcodec.interop.foxglove import points_of
 from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2
 from lidarcodec.interop.ros import POINT_CLOUD2
 from lidarcodec.pipeline import frames_of
+from lidarcodec.sensors.clouds.message import MAX_MESSAGE
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, open_transport
 from lidarcodec.transport.base import Priority
@@ -86,6 +87,27 @@ def test_what_nobody_reads_is_counted_and_the_newest_stay():
         packets = list(source.packets())
         assert len(packets) <= WAITING + 2
         assert source.counts["queue drops"] > 0
+        source.close()
+
+
+def test_messages_that_are_too_long_do_not_wait_in_memory():
+    """A node of ROS may send a gigabyte; eight of them would wait."""
+    network = MemoryNetwork()
+    with network.transport() as there, network.transport() as here:
+        sender = there.sender(key(), Priority.EVERY_FRAME)
+
+        def run() -> None:
+            for one in (bytes(MAX_MESSAGE + 1), MESSAGES[0]):
+                time.sleep(0.2)
+                sender.put(one)
+
+        node = threading.Thread(target=run)
+        node.start()
+        source = RosSource("/lidar/points", idle_s=20.0, transport=here)
+        node.join()
+        source.finish()
+        assert [packet.payload for packet in source.packets()] == MESSAGES[:1]
+        assert source.counts["too long"] == 1
         source.close()
 
 
