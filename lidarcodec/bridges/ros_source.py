@@ -39,8 +39,8 @@ HUMBLE: Final = "humble"
 class RosSource(PacketSource):
     """Messages of one topic, each a packet, with the time of its header.
 
-    Counts: `queue drops` (messages that nobody read in time), `too long` (of more than 32 MiB; they do not wait, nor are
-    they given), `no clouds` (other messages; they are given)
+    Counts: `queue drops` (messages that nobody read in time), `too long` (of more than 32 MiB; they are not
+    given), `no clouds` (other messages; they are given)
     """
 
     def __init__(
