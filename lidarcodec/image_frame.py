@@ -7,7 +7,6 @@ points, for viewers and measures; nothing is computed back from them.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np

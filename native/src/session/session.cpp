@@ -76,13 +76,19 @@ void Session::begin_stream(const Message& message) {
     described_ = {};
     shelf_.forget();
     masks_.forget();
-    mask_stream_.forget();
-    memory_.forget();
     last_.reset();
   }
-  of_ = of;
-  coder_ = std::make_unique<PredictiveCoder>();
+  of_.reset();  // until all that the stream needs is here
+  mask_stream_.reset();
+  memory_.reset();
+  coder_.reset();
   used_.reset();
+  if (!message.planes && expects_ranges(message.codec)) {
+    mask_stream_.emplace();
+    memory_.emplace();
+    coder_ = std::make_unique<PredictiveCoder>();
+  }
+  of_ = of;
 }
 
 void Session::give_calibration(Bytes section) {
@@ -168,8 +174,8 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
     expected_.reset();
     motion_ = {};
     if (!message.needs) {
-      memory_.forget();
-      mask_stream_.forget();
+      memory_->forget();
+      mask_stream_->forget();
       coder_->reset();
     }
   }
@@ -205,7 +211,7 @@ void Session::decode_mask_of(const Message& message, const Sensor& sensor, Plane
     view.vertical = sensor.beams.vertical;
     view.expected = foreseen == nullptr ? nullptr : foreseen->data();
     view.motion = motion_;
-    planes.returns = mask_stream_.decode(coded.data(), coded.size(), view);
+    planes.returns = mask_stream_->decode(coded.data(), coded.size(), view);
     return;
   }
   std::vector<std::uint8_t> before;
@@ -224,8 +230,8 @@ const std::vector<std::uint16_t>* Session::expected(const Message& message, cons
                                                     const Planes& planes) {
   if (!expected_ && message.has(SectionType::Motion)) {
     const Bytes data = message.section(SectionType::Motion);
-    motion_ = memory_.motion(data.data(), data.size());
-    expected_ = memory_.expected(motion_, columns_of(planes), sensor.beams);
+    motion_ = memory_->motion(data.data(), data.size());
+    expected_ = memory_->expected(motion_, columns_of(planes), sensor.beams);
   }
   return expected_ ? &*expected_ : nullptr;
 }
@@ -245,7 +251,7 @@ void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes
   const std::optional<RiddleHead> head = learned ? std::optional(riddle_head(coded)) : std::nullopt;
   if (head) coded = coded.subspan(1 + kNameBytes);
   const KnownColumns known = known_columns(coded.data(), coded.size());
-  if (known != kWholeFrame) memory_.edge(static_cast<std::size_t>(known));  // are they here?
+  if (known != kWholeFrame) memory_->edge(static_cast<std::size_t>(known));  // are they here?
   if (head) use_networks(message, head->effort, head->name);
   const RangeCells cells{step, sensor.level};
   if (known != kWholeFrame) {
@@ -254,9 +260,9 @@ void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes
     planes.range = coder_->decode(coded.data(), coded.size(), planes.returns.data(), cells,
                                   sensor.geometry(planes.width, planes.fired.data()),
                                   foreseen == nullptr ? nullptr : foreseen->data());
-    memory_.forget_edge();
+    memory_->forget_edge();
   }
-  memory_.remember(planes.range, columns_of(planes), sensor.beams.half, known != kWholeFrame);
+  memory_->remember(planes.range, columns_of(planes), sensor.beams.half, known != kWholeFrame);
 }
 
 // Ranges of a slab, with the columns before it as if they were its own.
@@ -264,7 +270,7 @@ void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t befo
                           const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes) {
   const std::vector<std::uint16_t> foreseen =
       expected == nullptr ? std::vector<std::uint16_t>(planes.returns.size()) : *expected;
-  const Edge edge = memory_.edge(before);
+  const Edge edge = memory_->edge(before);
   const Edge all =
       edge.and_then({planes.width, {planes.returns.begin(), planes.returns.end()}, foreseen, planes.fired});
   std::vector<std::uint8_t> known(all.ranges.size());
@@ -275,7 +281,7 @@ void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t befo
       expected == nullptr ? nullptr : all.expected.data(), static_cast<KnownColumns>(edge.width), edge.ranges.data());
   const Edge own = Edge{all.width, image, all.expected, all.fired}.last(planes.width);
   planes.range = own.ranges;
-  memory_.keep_edge(own);
+  memory_->keep_edge(own);
 }
 
 // Codes with the networks that a message names from now on. What was learned stays where a stream goes on with other

@@ -87,9 +87,9 @@ class Session {
   MaskMemory masks_;
   std::optional<std::uint64_t> last_;  // index of the frame that was decoded last, if others may need it
 
-  // Of codecs that expect ranges.
-  MaskStream mask_stream_;
-  StreamMemory memory_;
+  // Of codecs that expect ranges; made for their streams alone, for they are large.
+  std::optional<MaskStream> mask_stream_;
+  std::optional<StreamMemory> memory_;
   std::shared_ptr<PlaneMemory> plane_memory_;           // of other sensors than an HDL-64E
   Motion motion_;                                       // of the message at hand
   std::optional<std::vector<std::uint16_t>> expected_;  // (64, W), of the message at hand, once it is asked for

@@ -9,8 +9,9 @@ namespace {
 
 [[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::Section, what); }
 
-// Raises Section if these are not the series of so many packets of a layout.
-void check_series(const PacketLayout& layout, const std::vector<Series>& series, std::size_t packets) {
+// Series get the types of the layout: a message may say others that hold their numbers. Raises Section if these are not
+// the series of so many packets of a layout.
+void take_series(const PacketLayout& layout, std::vector<Series>& series, std::size_t packets) {
   if (series.size() != layout.series.size()) damaged("series that are not those of the layout");
   for (const SeriesPlan& plan : layout.series) {
     const std::vector<std::uint64_t>& values = series_named(series, plan.name);
@@ -21,6 +22,10 @@ void check_series(const PacketLayout& layout, const std::vector<Series>& series,
     if (std::any_of(values.begin(), values.end(), [&](std::uint64_t value) { return value > most; }))
       damaged("series " + std::string(plan.name) + " holds numbers that are too large");
   }
+  for (Series& one : series)
+    one.bytes = std::find_if(layout.series.begin(), layout.series.end(), [&](const SeriesPlan& plan) {
+                  return plan.name == one.name;
+                })->bytes;
 }
 
 constexpr std::size_t kMostNumbers = std::size_t{1} << 23;  // of all planes of a frame
@@ -56,7 +61,7 @@ void take_layout(ImageFrame& frame) {
     damaged("planes " + std::to_string(sensor.rows()) + " x " + std::to_string(frame.width) + " of " +
             std::to_string(packets) + " packets of " + std::to_string(sensor.family->rows()) + " x " +
             std::to_string(frame.layout->columns));
-  check_series(*frame.layout, frame.rest.series, packets);
+  take_series(*frame.layout, frame.rest.series, packets);
   frame.azimuth = sensor.family->azimuth(*frame.layout, frame.rest.series);
 }
 
