@@ -50,16 +50,6 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
     return frame_of_planes(index, stamp_ns, planes, azimuth, rest, sensor)
 
 
-def in_types_of_layout(rest: PacketRest, sensor: SensorModel) -> PacketRest:
-    """The rest with its series in the types of its layout. A message may say a narrower one, which sums overflow."""
-    family = sensor_of(sensor)
-    layout = None if family is None or not rest.layout else family.named_layout(rest.layout)
-    if layout is None:
-        return rest
-    series = {name: rest.series[name].astype(dtype, copy=False) for name, (dtype, _) in layout.series.items()}
-    return replace(rest, series=series)
-
-
 def frame_of_planes(
     index: int,
     stamp_ns: int,

@@ -58,10 +58,9 @@ class PlaneDecoder:
                 cloud = decode_cloud(message.section(SectionType.CLOUD))
                 frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, cloud.grid)
             elif _native.knows_model(sensor.model):
-                typed = in_types_of_layout(found, sensor)
-                frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, typed, sensor)
+                frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, found, sensor)
             else:
-                frame = image_frame(index, stamp_ns, dict(planes), found, sensor)
+                frame = image_frame(index, stamp_ns, dict(planes), in_types_of_layout(found, sensor), sensor)
         except BaseException:
             self._session.cut()
             raise

@@ -14,11 +14,14 @@ from lidarcodec.errors import DecodeError, MissingExtraError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.recording.reader import RecordingReader
+from lidarcodec.sensors.images import MAX_CELLS
 from lidarcodec.units import LASERS
 from lidarcodec.wire import unpack
 
 COLUMN: Final = 2
 """The cost of a column without returns, in returns."""
+NUMBER: Final = 0.25
+"""The cost of a number of a plane of another sensor than an HDL-64E, with or without a return, in returns."""
 
 
 def decoded(
@@ -30,25 +33,34 @@ def decoded(
     """Each message that can be decoded, with the frames that became complete with it.
 
     It ends early if a file decodes to too much data; this is counted and logged as damage. The work is the sum of
-    returns and columns. A message that fails counts as a full frame, because it may fail at its very end.
+    returns, columns and numbers of planes. A message that fails counts as a full frame, because it may fail at its very
+    end.
 
     messages: from `reader`, with their times;  decode: decodes one message;  failed: called with each error
     Raises MissingExtraError at a message of a codec that is not installed.
     """
     allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
     for _, data in messages:
-        width, frames = 0, None
+        message = frames = None
         try:
             message = unpack(data)
-            width = message.width
             frames = decode(message)
         except MissingExtraError:  # not damage: the file can be decoded where the codec is installed
             raise
         except DecodeError as error:
             failed(error)
-        if frames is not None:
+        if message is not None and frames is not None:
             yield message, frames
-        cost = COLUMN * width + (LASERS * width if frames is None else sum(frame.points for frame in frames))
-        if not allowed.spend(cost, reader.size):
+        if message is not None and not allowed.spend(_cost(message, frames), reader.size):
             reader.leave_out_rest(f"it decodes to more than {DECODED_PER_BYTE} returns for each of its bytes")
             return
+
+
+def _cost(message: Message, frames: list[Frame] | None) -> float:
+    """The work that a message was, in returns. frames: None if it failed."""
+    if not message.planes:
+        done = LASERS * message.width if frames is None else sum(frame.points for frame in frames)
+        return COLUMN * message.width + done
+    if frames is None:
+        return NUMBER * MAX_CELLS
+    return sum(frame.points + NUMBER * frame.range.size * (2 + len(frame.planes)) for frame in frames)

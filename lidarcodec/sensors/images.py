@@ -24,8 +24,8 @@ Metres = npt.NDArray[np.float64]
 
 MAX_PLANES = 12
 """Most planes of a frame."""
-MAX_CELLS = 1 << 23
-"""Most numbers of all planes of a frame."""
+MAX_CELLS = 5 << 20
+"""Most numbers of all planes of a frame: as many as ten planes of 128 rows and 4,096 columns."""
 
 QUANTITIES = frozenset({"intensity", "signal", "near_ir"})
 """Attributes of first returns that measure something, so that a value between two others means something."""

@@ -70,7 +70,7 @@ def damaged_description(data: bytes, rng: random.Random) -> bytes:
             head[4] = rng.choice((0, 1, head[4] - 1, head[4] + 1, 255)) & 255
             table = (table * 2)[: 44 * head[4]] if rng.random() < 0.8 else table
         case 4:
-            limits = np.frombuffer(rng.randbytes(len(table)), "<i4") >> rng.choice((0, 8, 20))
+            limits = np.frombuffer(rng.randbytes(len(table) // 4 * 4), "<i4") >> rng.choice((0, 8, 20))
             table = limits.astype("<i4").tobytes()
         case _:
             description = damaged_json(description, rng)

@@ -24,8 +24,8 @@ Numbers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
 MAX_ROWS: Final = 128
-MAX_CELLS: Final = 1 << 21
-"""Most cells of an image: as many as 128 rows of 16,384 columns."""
+MAX_CELLS: Final = 1 << 20
+"""Most cells of an image: as many as 128 rows of 8,192 columns."""
 RING_FIELDS: Final = ("ring", "channel", "laser_id", "line")
 _TURN: Final = 2 * np.pi
 

@@ -24,7 +24,7 @@ ROS1: Final = b"ros1"
 CDR: Final = frozenset({b"\0\0\0\0", b"\0\1\0\0"})
 MAX_MESSAGE: Final = 32 * 2**20
 """Most bytes of a message: 400,000 points of 80 bytes."""
-MAX_POINTS: Final = 1 << 21
+MAX_POINTS: Final = 1 << 20
 """Most points of which an image is made, and whose columns are coded apart."""
 MAX_FIELDS: Final = 64
 MAX_TEXT: Final = 4096

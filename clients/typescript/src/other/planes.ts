@@ -7,7 +7,7 @@ import { Reader } from "./reader.js";
 
 const MOST_ROWS = 128;
 const MOST_PLANES = 12;
-export const MOST_NUMBERS = 8_388_608;
+export const MOST_NUMBERS = 5_242_880;
 const MOST_STEP = 40_001;
 const MOST_BITS = 20;
 const ATTRIBUTE = 2;

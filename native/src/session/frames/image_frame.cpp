@@ -28,7 +28,7 @@ void take_series(const PacketLayout& layout, std::vector<Series>& series, std::s
                 })->bytes;
 }
 
-constexpr std::size_t kMostNumbers = std::size_t{1} << 23;  // of all planes of a frame
+constexpr std::size_t kMostNumbers = std::size_t{5} << 20;  // of all planes of a frame
 constexpr std::uint32_t kMostIntensityBits = 16;
 
 // Planes of the columns that were sent, in those of the frame.

@@ -14,7 +14,7 @@ namespace {
 constexpr std::uint8_t kPlain = 0, kZstd = 1, kModelled = 2, kFollowing = 3, kReduced = 64, kWithTables = 128;
 constexpr std::uint64_t kMostTableSize = 256, kMostTableStep = 1 << 20;
 constexpr std::uint32_t kPlaceBits = 8;
-constexpr std::size_t kMostRows = 128, kMostFramePlanes = 12, kMostNumbers = std::size_t{1} << 23, kMostName = 16;
+constexpr std::size_t kMostRows = 128, kMostFramePlanes = 12, kMostNumbers = std::size_t{5} << 20, kMostName = 16;
 constexpr std::uint32_t kMostStep = 40'001;
 
 [[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::Section, what); }
