@@ -7,6 +7,7 @@ points, for viewers and measures; nothing is computed back from them.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -46,6 +47,9 @@ def image_frame(index: int, stamp_ns: int, planes: dict[str, Unsigned], rest: Pa
         if ranges.shape != (layout.rows, packets * layout.columns):
             raise SectionError(f"planes {ranges.shape} of {packets} packets of {layout.rows} x {layout.columns}")
         check_series(layout, rest.series, packets)
+        # A message may say a narrower type for its numbers, in which sums of them would not fit.
+        typed = {name: rest.series[name].astype(dtype, copy=False) for name, (dtype, _) in layout.series.items()}
+        rest = replace(rest, series=typed)
         azimuth = family.azimuth(layout, Images({RANGE: ranges}, dict(rest.series)))
     return frame_of_planes(index, stamp_ns, planes, azimuth, rest, sensor)
 

@@ -19,7 +19,7 @@ from lidarcodec.entropy.rest_coder import rest_of
 from lidarcodec.entropy.zstd_frames import decompress
 from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
-from lidarcodec.image_frame import cloud_frame, frame_of_planes, image_frame, in_types_of_layout
+from lidarcodec.image_frame import cloud_frame, frame_of_planes, image_frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.clouds.section import decode_cloud
@@ -60,7 +60,7 @@ class PlaneDecoder:
             elif _native.knows_model(sensor.model):
                 frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, found, sensor)
             else:
-                frame = image_frame(index, stamp_ns, dict(planes), in_types_of_layout(found, sensor), sensor)
+                frame = image_frame(index, stamp_ns, dict(planes), found, sensor)
         except BaseException:
             self._session.cut()
             raise
