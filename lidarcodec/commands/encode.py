@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from itertools import chain, islice
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
 
+log = logging.getLogger(__name__)
+
 
 def run(
     spec: str,
@@ -36,7 +39,11 @@ def run(
     force: bool = False,
     allow_missed: bool = False,
 ) -> None:
-    """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name."""
+    """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name.
+
+    A live sensor whose place another one takes ends nothing: if the settings are not for that one, its frames are left
+    out, and the exit code is 1.
+    """
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
@@ -72,8 +79,18 @@ def run(
             raise SourceError(f"{spec} has no frame after the first {skip}: nothing was encoded")
         with output.beside.open("wb") as handle, progress("encoding", frames) as tick:
             coded = CodedRecording(handle, encoder, about, clouds=clouds)
+            left_out = 0  # frames of another sensor, which took the place of the first one
+            unfit: SettingsError | None = None
             for frame in chain((first,), chosen):
-                coded.write(frame)
+                try:
+                    coded.write(frame)
+                except SettingsError as error:
+                    if not source.live or not coded.frames:
+                        raise
+                    if unfit is None:
+                        log.warning("%s: %s; its frames are left out", source.label, error)
+                    left_out, unfit = left_out + 1, error
+                    continue
                 if learn:
                     encoder.learn(learn)
                 tick()
@@ -87,6 +104,8 @@ def run(
     print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
     if part:
         raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)
+    if unfit is not None:
+        raise SourceError(f"{left_out} frames of another sensor were left out: {unfit}")
     missed = missed_target(encoder.settings, coded)
     if missed is not None and not allow_missed:
         raise TargetMissedError(missed)

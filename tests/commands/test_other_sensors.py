@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from lidarcodec.sources import open_source
-from tests.command_line import run
+from lidarcodec.sources.base import PacketSource
+from tests.command_line import run, run_here, the_one_line
+from tests.packets import sensor, turning
 from tests.sensors.captures import CAPTURES, payloads
+from tests.sensors.made_frames import block_sensor, packets_of_model
 from tests.sensors.ouster_packets import FOLDER
 from tests.sweeps import sampled
 
@@ -136,3 +139,45 @@ def test_packets_of_another_model_than_the_named_one_come_back_too(tmp_path) -> 
     if done.returncode == 0:
         assert run("decode", tmp_path / "out.mcap", tmp_path / "out.pcap").returncode == 0
         assert payloads(tmp_path / "out.pcap") == [VLP16] * 30
+
+
+class Replaced(PacketSource):
+    """A live HDL-64E whose place another sensor takes, and which then comes back."""
+
+    def __init__(self, model):
+        super().__init__(sensor(), live=True)
+        self._model = model
+
+    def packets(self):
+        other = block_sensor(self._model)
+        for model, packets in (
+            (sensor(), turning(348)),
+            (other, packets_of_model(other, "single", 100)),
+            (sensor(), turning(348)),
+        ):
+            self.sensor = model
+            yield from packets
+
+
+@pytest.mark.parametrize("setting", ["codec=png", "reduction=voxel-seen"])
+def test_packets_of_another_model_cost_no_live_recording(tmp_path, monkeypatch, setting):
+    """Who sends them from the sensor's address would end it, and nothing of it would be left."""
+    monkeypatch.setattr("lidarcodec.commands.encode.open_source", lambda *_, **__: Replaced("vlp16"))
+    out = tmp_path / "out.mcap"
+    done = run_here("encode", "udp://0.0.0.0", str(out), "--set", setting)
+    assert done.returncode == 1
+    assert "frames of another sensor were left out" in the_one_line(done)
+    with open_source(out) as source:
+        came = [packet.payload for packet in source.packets()]
+    assert came == [packet.payload for packet in turning(348)] * 2 or "reduction" in setting
+    assert "2 frames" in done.stdout
+
+
+def test_packets_of_another_length_cost_no_bag(tmp_path, monkeypatch):
+    out = tmp_path / "bag"
+    monkeypatch.setattr("lidarcodec.commands.convert.convert.open_source", lambda *_, **__: Replaced("xt16"))
+    done = run_here("convert", "udp://0.0.0.0", str(out), "--frames", "9")
+    assert done.returncode == 1
+    assert "100 packets of another length were left out" in the_one_line(done)
+    with open_source(out) as source:
+        assert [packet.payload for packet in source.packets()] == [packet.payload for packet in turning(348)] * 2

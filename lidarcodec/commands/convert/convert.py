@@ -107,13 +107,25 @@ def run(
             output.only_part()
     say_unkept(source.label, source.counts)
     count, kept = turns.packets, output.kept or out
-    where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
-    where += "" if metadata is None else f"; metadata in {_metadata_of(kept)}"
     turns_read = f", {count / FRAME_PACKETS:.1f} frames" * source.sensor.is_hdl64e
     more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
+    where = _beside_text(kept, beside is not None and beside.parent != out, metadata is not None)
     print(f"{kept}: {count} packets{turns_read}{more}{'; ' * bool(said)}{said}{where}")
+    _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
+
+
+def _beside_text(kept: Path, calibration: bool, metadata: bool) -> str:
+    """Files that were written beside an output, for the summary."""
+    text = f"; calibration in {_calibration_of(kept)}" if calibration else ""
+    return text + (f"; metadata in {_metadata_of(kept)}" if metadata else "")
+
+
+def _check_left_out(writer: Output, kept: Path) -> None:
+    """Raises SourceError if packets are missing in the output."""
+    if writer.left_out:
+        raise SourceError(f"{writer.left_out} packets of another length were left out: {kept} cannot hold them")
 
 
 def _wanted(

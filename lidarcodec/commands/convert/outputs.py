@@ -10,7 +10,7 @@ from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import PacketError, SettingsError
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.recording import RecordingWriter, RosbagWriter
@@ -19,7 +19,7 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
-from lidarcodec.units import FRAME_PACKETS
+from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,9 @@ class Wanted:
 
 
 class Output(Protocol):
-    """Takes packets; `close` completes the output."""
+    """Takes packets; `close` completes the output. left_out: packets so far that the format cannot hold"""
+
+    left_out: int
 
     def write(self, packet: Packet) -> None:
         """Append one packet."""
@@ -92,6 +94,8 @@ def open_output(
 
 
 class _Capture:
+    left_out = 0
+
     def __init__(self, handle: BinaryIO) -> None:
         self._writer = PcapWriter(handle)
 
@@ -121,6 +125,8 @@ class _Batches:
 
 class _Packets:
     """Bare packets in a recording."""
+
+    left_out = 0
 
     def __init__(self, handle: BinaryIO, about: Mapping[str, str]) -> None:
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, None, about)
@@ -152,15 +158,24 @@ class Bag:
         self._batches = _Batches(self.writer.write_scan)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._poses = poses
-        self._positions = 0
+        self._positions = self._packets = self.left_out = 0
 
     def write(self, packet: Packet) -> None:
+        """Raises PacketError if the first packet is none of a Velodyne."""
         if packet.position:
             self._positions += 1
             return
         if self._clouds:
             self.writer.write_message(packet.stamp_ns, packet.payload)
             return
+        if (size := len(packet.payload)) != PACKET_BYTES:
+            if not self._packets:
+                raise PacketError(
+                    f"a rosbag holds packets of a Velodyne, {PACKET_BYTES} bytes, but this one has {size}"
+                )
+            self.left_out += 1
+            return
+        self._packets += 1
         self._batches.add(packet)
         frame = None if self._assembler is None else self._assembler.push(packet)
         if frame is not None:
