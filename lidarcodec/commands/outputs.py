@@ -128,6 +128,7 @@ class PlyOutput:
         self._count = 0
         self._start_ns: int | None = None
         self._dtype = self.DTYPE
+        self._clipped = False
 
     def _write_header(self) -> None:
         # The number of points is known only at the end. It then overwrites the first number; both are padded to one
@@ -148,8 +149,15 @@ class PlyOutput:
             self._dtype = self.WIDE if _is_wide(frame, cloud) else self.DTYPE
             self._write_header()
         rows = np.empty(len(cloud), self._dtype)
-        for name in ("x", "y", "z", "intensity", "laser", "ring"):
+        for name in ("x", "y", "z", "laser", "ring"):
             rows[name] = cloud[name]
+        top = np.iinfo(self._dtype["intensity"]).max
+        if not self._clipped and cloud["intensity"].max(initial=0) > top:
+            self._clipped = True
+            log.warning(
+                "intensities from frame %d on are clipped to %d, for the first sensor has 8 bits", frame.index, top
+            )
+        rows["intensity"] = np.minimum(cloud["intensity"], top)
         if frame.index > np.iinfo(np.int32).max:
             raise SettingsError(f"the number of frame {frame.index} is too large for .ply: write .npz or .pcap")
         rows["frame"] = frame.index

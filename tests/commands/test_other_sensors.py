@@ -10,12 +10,13 @@ import laspy
 import numpy as np
 import pytest
 
+from lidarcodec.commands.outputs import PlyOutput
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from tests.command_line import run, run_here, the_one_line
 from tests.packets import sensor, turning
 from tests.sensors.captures import CAPTURES, payloads
-from tests.sensors.made_frames import block_sensor, packets_of_model
+from tests.sensors.made_frames import block_sensor, made_frames, ouster, packets_of_model
 from tests.sensors.ouster_packets import FOLDER
 from tests.sweeps import sampled
 
@@ -181,3 +182,22 @@ def test_packets_of_another_length_cost_no_bag(tmp_path, monkeypatch):
     assert "100 packets of another length were left out" in the_one_line(done)
     with open_source(out) as source:
         assert [packet.payload for packet in source.packets()] == [packet.payload for packet in turning(348)] * 2
+
+
+def test_a_ply_of_two_sensors_wraps_no_intensity(tmp_path, caplog):
+    """The first frame says how many bits there are; 300 would become 44."""
+    frames = [
+        made_frames(model, layout, 2, 1)[0]
+        for model, layout in ((block_sensor("vlp16"), "single"), (ouster("LEGACY", 16, "OS-0-16"), "legacy"))
+    ]
+    most = int(frames[1].cloud()["intensity"].max())
+    assert most > 255
+    writer = PlyOutput(tmp_path / "a.ply")
+    for frame in frames:
+        writer.write(frame.with_(index=int(frame is frames[1])))
+    writer.close()
+    text = (tmp_path / "a.ply").read_bytes()
+    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], PlyOutput.DTYPE)
+    found = points["intensity"][points["frame"] == 1]
+    assert np.array_equal(found, np.minimum(frames[1].cloud()["intensity"], 255))
+    assert "from frame 1 on are clipped to 255" in caplog.text
