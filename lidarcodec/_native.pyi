@@ -437,6 +437,59 @@ def decode_rest(
 ) -> tuple[
     str, NDArray[numpy.int64], NDArray[numpy.uint16], list[bytes], list[tuple[str, NDArray[numpy.unsignedinteger]]]
 ]: ...
+def encode_points(
+    xyz: NDArray[numpy.float32],
+    returned: NDArray[numpy.uint8],
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    geometry: tuple[float, int, bool, int, NDArray[numpy.float64], int, float],
+    n: NDArray[numpy.uint32] | None,
+    k: NDArray[numpy.int32] | None,
+    none: NDArray[numpy.uint32] | None,
+    bound_m: float,
+) -> tuple[bytes, NDArray[numpy.uint8], NDArray[numpy.uint32], NDArray[numpy.int32], float]: ...
+def decode_points(
+    data: bytes,
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    geometry: tuple[float, int, bool, int, NDArray[numpy.float64], int, float],
+    n: NDArray[numpy.uint32],
+) -> tuple[NDArray[numpy.float32], NDArray[numpy.int32]]: ...
+def encode_field_rests(
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]], rests: NDArray[numpy.uint32]
+) -> bytes: ...
+def decode_field_rests(
+    data: bytes, cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]]
+) -> NDArray[numpy.uint32]: ...
+def encode_sums(
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    numbers: NDArray[numpy.int64],
+    by_row: NDArray[numpy.int64],
+) -> tuple[NDArray[numpy.int64], bytes, int] | None: ...
+def encode_times(
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    times: NDArray[numpy.float32],
+    by_row: NDArray[numpy.int64],
+) -> tuple[NDArray[numpy.int64], bytes, int] | None: ...
+def decode_sums(
+    left: bytes,
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    by_column: NDArray[numpy.int64],
+    by_row: NDArray[numpy.int64],
+) -> NDArray[numpy.int64]: ...
+def decode_times(
+    left: bytes,
+    cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
+    by_column: NDArray[numpy.int64],
+    by_row: NDArray[numpy.int64],
+) -> NDArray[numpy.float32]: ...
+def columns_of_firing(
+    rank: NDArray[numpy.int64],
+    turned: NDArray[numpy.float64],
+    jump: float,
+    ring: NDArray[numpy.int64],
+    x: NDArray[numpy.float32],
+    y: NDArray[numpy.float32],
+    returned: NDArray[numpy.uint8],
+) -> NDArray[numpy.int64]: ...
 def returns_of(
     ranges: NDArray[numpy.uint16],
     azimuth: NDArray[numpy.uint16],

@@ -7,6 +7,7 @@ points, for viewers and measures; nothing is computed back from them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.frame_images import INTENSITY, RANGE
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.clouds.grid import Grid
+from lidarcodec.sensors.clouds.grid import Grid, grid_of
 from lidarcodec.sensors.clouds.message import CloudMessage, read_message
 from lidarcodec.sensors.clouds.values import intensity_of
 from lidarcodec.sensors.clouds.view import View, view_of
@@ -84,18 +85,18 @@ def cloud_frame(
     payload: bytes,
     sensor: SensorModel,
     positions: tuple[Position, ...] = (),
-    grid: Grid | None = None,
+    find: Callable[[CloudMessage], Grid | None] = grid_of,
 ) -> Frame:
     """The frame of a message. What is no PointCloud2, or has no x, y and z, has images without columns.
 
-    grid: of its points, if it is known; else it is found
+    find: gives the range image of its points
     """
     rest = PacketRest("", np.zeros(1, np.int64), np.zeros(1, np.uint16), (payload,), {}, positions)
     try:
         message: CloudMessage | None = read_message(payload)
     except DecodeError:
         message = None
-    view = None if message is None else view_of(message, sensor.rows, grid)
+    view = None if message is None else view_of(message, sensor.rows, find)
     if message is None or view is None:
         nothing = np.zeros((sensor.rows, 0), np.uint32)
         azimuth = np.zeros(0, np.uint16)
@@ -104,7 +105,7 @@ def cloud_frame(
     ranges = view.image(_ranges(message, sensor.range_step_m), np.uint32)
     levels = intensity_of(message)
     intensity = view.image(levels, levels.dtype)
-    return _frame(index, stamp_ns, ranges, intensity, _azimuths(message, view), sensor, rest)
+    return _frame(index, stamp_ns, ranges, intensity, column_azimuths(message, view), sensor, rest)
 
 
 def _frame(
@@ -122,21 +123,26 @@ def _frame(
 
 def _ranges(message: CloudMessage, step_m: float) -> npt.NDArray[np.uint32]:
     """(N,) distance of each point from the origin, in steps; 0 without a return, else at least 1."""
-    assert message.xyz is not None
-    x, y, z = np.where(message.returns, message.xyz, 0.0)
-    steps = np.clip(np.rint(np.sqrt(x * x + y * y + z * z) / step_m), 1, MOST_STEPS)
+    with np.errstate(invalid="ignore", over="ignore"):
+        squares = [axis * axis for axis in _axes(message)]
+        steps = np.rint(np.sqrt(squares[0] + squares[1] + squares[2]) / step_m)
+    steps = np.clip(np.where(message.returns, steps, 1), 1, MOST_STEPS)
     return np.where(message.returns, steps, 0).astype(np.uint32)
 
 
-def _azimuths(message: CloudMessage, view: View) -> npt.NDArray[np.uint16]:
+def _axes(message: CloudMessage) -> list[npt.NDArray[np.float64]]:
+    """x, y and z of the points, (N,) each."""
+    return [np.asarray(message.values(name), np.float64) for name in "xyz"]
+
+
+def column_azimuths(message: CloudMessage, view: View) -> npt.NDArray[np.uint16]:
     """(W,) mean direction of the points of each column, 0.01 degree, clockwise seen from above; 0 is along x."""
-    assert message.xyz is not None
     shown = view.shown & message.returns
-    x, y, _ = message.xyz[:, shown]
+    x, y, _ = (axis[shown] for axis in _axes(message))
     column = view.column[shown]
-    far = np.maximum(np.hypot(x, y), 1e-9)
-    x, y = (np.bincount(column, axis / far, view.columns) for axis in (x, y))
-    steps = np.rint(np.degrees(np.arctan2(-y, x)) * 100).astype(np.int64) % AZIMUTH_TURN
-    last = np.maximum.accumulate(np.where((x != 0) | (y != 0), np.arange(view.columns), 0))
+    far = np.maximum(np.sqrt(x * x + y * y), 1e-9)
+    cosine, sine = (np.bincount(column, axis / far, view.columns) for axis in (x, y))
+    steps = np.rint(np.degrees(np.arctan2(-sine, cosine)) * 100).astype(np.int64) % AZIMUTH_TURN
+    last = np.maximum.accumulate(np.where((cosine != 0) | (sine != 0), np.arange(view.columns), 0))
     found: npt.NDArray[np.uint16] = steps[last].astype(np.uint16)
     return found

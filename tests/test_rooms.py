@@ -94,6 +94,7 @@ BELOW = {
     "mask": "motion bits base",
     "planes": "mask motion bits base",
     "images": "bits base",
+    "clouds": "base",
     "network": "bits base",
     "predictive": "network mask bits base",
     "ranges": "base",

@@ -19,6 +19,7 @@ from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.image_frame import cloud_frame, image_frame
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.clouds.grid import GridFinder, grid_of
 from lidarcodec.sensors.images import MAX_CELLS, Images, PacketLayout, Sensor
 from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.side import Position
@@ -39,10 +40,12 @@ def frame_of_packets(
     positions: tuple[Position, ...],
     index: int,
     sensor: SensorModel,
+    grids: GridFinder | None = None,
 ) -> Frame:
-    """The frame of these packets, at least one. stamps_ns: (P,) host time of each."""
+    """The frame of these packets, at least one. stamps_ns: (P,) host time of each; grids: of a stream of clouds."""
     if sensor.is_cloud and len(payloads) == 1:
-        return cloud_frame(index, int(stamps_ns[0]), payloads[0], sensor, positions)
+        find = grid_of if grids is None else grids.find
+        return cloud_frame(index, int(stamps_ns[0]), payloads[0], sensor, positions, find)
     family = sensor_of(sensor)
     regular = None if family is None else _regular(payloads, family)
     begin_ns = int(stamps_ns[0])

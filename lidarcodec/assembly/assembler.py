@@ -16,6 +16,7 @@ from lidarcodec.frame_images import odd_count
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.clouds.grid import GridFinder
 from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.settings import settings_from
 from lidarcodec.side import Position, SideInfo
@@ -52,6 +53,7 @@ class Assembler:
         self._framing = framing
         self._use(sensor)
         self._index = first_index
+        self._grids = GridFinder()
         self._payloads: list[bytes] = []
         self._stamps: list[int] = []
         self._bytes = 0
@@ -167,7 +169,8 @@ class Assembler:
         positions = tuple(
             Position(place, packet.stamp_ns - begin_ns, packet.payload) for place, packet in self._positions
         )
-        frame = frame_of_packets(self._payloads, np.array(self._stamps, np.int64), positions, self._index, self.sensor)
+        stamps_ns = np.array(self._stamps, np.int64)
+        frame = frame_of_packets(self._payloads, stamps_ns, positions, self._index, self.sensor, self._grids)
         self.counts["packets"] += len(self._payloads)
         self.counts["frames"] += 1
         if (odd := odd_count(frame)) and frame.width:

@@ -25,6 +25,7 @@ from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.clouds.section import decode_cloud
 from lidarcodec.planes.lattice_section import inflated
 from lidarcodec.planes.other_calibrations import described_sensor
+from lidarcodec.sensors.clouds.grid import grid_of
 from lidarcodec.sensors.models.table import is_known
 
 
@@ -56,7 +57,8 @@ class PlaneDecoder:
             index, stamp_ns = message.frame_index, message.stamp_ns
             if sensor.is_cloud:
                 cloud = decode_cloud(message.section(SectionType.CLOUD))
-                frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, cloud.grid)
+                find = grid_of if cloud.grid is None else lambda _: cloud.grid
+                frame = cloud_frame(index, stamp_ns, cloud.payload, sensor, found.positions, find)
             elif _native.knows_model(sensor.model):
                 frame = frame_of_planes(index, stamp_ns, dict(planes), azimuth, found, sensor)
             else:

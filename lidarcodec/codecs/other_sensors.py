@@ -26,7 +26,7 @@ from lidarcodec.lattice import Lattice
 from lidarcodec.message import Section, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.planes.attribute_values import AttributeQuality, reduced
-from lidarcodec.planes.clouds.section import encode_cloud
+from lidarcodec.planes.clouds.section import CloudBefore, encode_cloud
 from lidarcodec.planes.frame_before import SentBefore
 from lidarcodec.planes.lattice_section import lattice_bytes
 from lidarcodec.planes.plane_section import PlaneKind, encode_plane_section
@@ -101,6 +101,7 @@ class PlaneContent:
     def __init__(self, kind: PlaneKind) -> None:
         self._kind = kind
         self._before = SentBefore() if kind == PlaneKind.FOLLOWING else None
+        self._cloud_before = CloudBefore()
 
     def take(self, settings: InForce[CodecSettings]) -> bool:
         """Takes settings; no frame needs a key message for them.
@@ -134,7 +135,7 @@ class PlaneContent:
 
     def _cloud(self, frame: Frame, rest: PacketRest) -> list[Section]:
         """The message of a frame of a point cloud. Its REST section has nothing but the host time."""
-        cloud = encode_cloud(payload_of(frame), self._kind, self._settings.stream.max_error_m)
+        cloud = encode_cloud(payload_of(frame), self._kind, self._settings.stream.max_error_m, self._cloud_before)
         without = PacketRest("", rest.packet_ns, np.zeros(0, np.uint16), ())
         return [Section(SectionType.REST, encode_rest(without)), Section(SectionType.CLOUD, cloud)]
 

@@ -22,5 +22,6 @@ NB_MODULE(_native, m) {
   bind_assembly(m);
   bind_receiver(m);
   bind_session(m);
+  bind_clouds(m);
   bind_reduction(m);
 }

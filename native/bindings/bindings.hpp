@@ -55,4 +55,5 @@ void bind_riddle_train(nb::module_& m);
 void bind_entropy(nb::module_& m);
 void bind_receiver(nb::module_& m);
 void bind_session(nb::module_& m);
+void bind_clouds(nb::module_& m);
 void bind_reduction(nb::module_& m);

@@ -8,14 +8,15 @@
  5 plane      a plane of the image
  6 whole      a plane, its numbers as float32
  7 by row     one number for each row
- 8 sums       a number for each column, one for each row, and the rest as a plane
- 9 times      the same in units of 1e-9, as float32, and the rest as a plane in units in the last place
-10 angle      the direction of the point in radians, as float32, the rest as of 9
+ 8 sums       a number for each column, one for each row, and what is left
+ 9 times      the same in units of 1e-9, as float32, and what is left in units in the last place
+10 angle      the direction of the point in radians, as float32, and what is left as of 9
 11 steps      differences to the point before, as numbers of the range coder
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Final
@@ -23,12 +24,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.entropy import fast
-from lidarcodec.entropy.rest_coder import put_line, read_line
-from lidarcodec.entropy.varint import VarintReader, put_varint
-from lidarcodec.entropy.zstd_frames import compress, decompress
-from lidarcodec.errors import SectionError
-from lidarcodec.planes.clouds.geometry import ANGLES, Geometry, Numbers, directions, from_ordered, ordered
+from lidarcodec.entropy.rest_coder import put_line
+from lidarcodec.entropy.varint import put_varint
+from lidarcodec.entropy.zstd_frames import compress
+from lidarcodec.planes.clouds.geometry import ANGLES, Geometry, Numbers, directions, ordered
 from lidarcodec.sensors.clouds.grid import Grid
 from lidarcodec.sensors.clouds.message import CloudHead
 from lidarcodec.sensors.images import Plane, Unsigned
@@ -39,8 +40,15 @@ MOST: Final = (1 << 20) - 1
 """Largest number in a plane."""
 TICK: Final = 1e-9
 _TURN: Final = 6.283185307179586
-_WIDEST: Final = 1 << 60
+WIDEST: Final = 1 << 60
 _MAX_REPEATED: Final = 16
+_MORE: Final = (1.25, 0.02)
+"""Sums are those of the message before if at most so many times as many points differ from them, and so many more."""
+_LONGER: Final = 1.1
+"""A column is coded byte by byte, as that of the message before was, if it is at most so many times as long."""
+_SURELY_LESS: Final = 4
+"""A column in the image of less than a byte for so many points is taken without a look at what zstd makes of it."""
+_ANGLE_NUMBERS: Final = range(1, len(ANGLES))
 
 
 class Way(IntEnum):
@@ -60,7 +68,9 @@ class Way(IntEnum):
     STEPS = 11
 
 
-WITH_PLANE: Final = frozenset({Way.PLANE, Way.WHOLE, Way.SUMS, Way.TIMES, Way.ANGLE})
+WITH_PLANE: Final = frozenset({Way.PLANE, Way.WHOLE})
+MOST_LEFT: Final = (1 << 28) - 1
+"""Largest rest of a field."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +82,25 @@ class Image:
 
     grid: Grid | None
     geometry: Geometry | None
-    n: Numbers
-    k: Numbers
+    n: npt.NDArray[np.integer]
+    k: npt.NDArray[np.integer]
     level: int = 3
 
 
 @dataclass(eq=False)
 class Coded:
-    """A coded column: its bytes, and (N,) numbers of its plane, if it has one."""
+    """A coded column: its bytes, and (N,) numbers of its plane, if it has one.
+
+    For the column of the next message: by_row and left, of SUMS and TIMES, are the numbers of rows and the part of the
+    points that differ from the sum; number is the form of ANGLE or BYTES.
+    """
 
     way: Way
     data: bytearray = field(default_factory=bytearray)
     plane: Numbers | None = None
+    by_row: Numbers | None = None
+    left: float = 0.0
+    number: int = 0
 
 
 def columns_of(head: CloudHead, besides: frozenset[str]) -> tuple[list[tuple[str, int, str]], npt.NDArray[np.intp]]:
@@ -109,14 +126,14 @@ def columns_of(head: CloudHead, besides: frozenset[str]) -> tuple[list[tuple[str
 
 def zigzag(values: Numbers) -> Numbers:
     """0, -1, 1, -2 as 0, 1, 2, 3."""
-    found: Numbers = np.where(values >= 0, values << 1, (-values << 1) - 1)
+    found: Numbers = (values << 1) ^ (values >> 63)
     return found
 
 
 def unzigzag(values: npt.NDArray[np.integer]) -> Numbers:
     """The inverse."""
     wide = values.astype(np.int64)
-    found: Numbers = np.where(wide & 1, -((wide + 1) >> 1), wide >> 1)
+    found: Numbers = (wide >> 1) ^ -(wide & 1)
     return found
 
 
@@ -128,25 +145,24 @@ def plane_of(name: str, numbers: Numbers, grid: Grid, role: str = "attribute") -
     return form, image.astype(form.dtype)
 
 
-def put_bytes(out: bytearray, rows: npt.NDArray[np.uint8], level: int) -> None:
-    """(N, size) bytes, as of way 0."""
-    steps = rows.copy()
-    steps[1:] -= rows[:-1]
-    packed = min((compress(part.T.tobytes(), level) for part in (steps, rows)), key=len)
-    out.append(int(len(packed) and packed == compress(steps.T.tobytes(), level)))
-    put_varint(out, len(packed))
-    out += packed
+def put_sized(out: bytearray, data: bytes) -> None:
+    """Bytes with their number in front."""
+    put_varint(out, len(data))
+    out += data
 
 
-def read_bytes(reader: VarintReader, points: int, size: int) -> npt.NDArray[np.uint8]:
-    """The inverse: (N, size)."""
-    differences = reader.byte()
-    if differences > 1:
-        raise SectionError(f"bytes of the unknown form {differences}")
-    plain = decompress(reader.take(reader.varint(len(reader))), points * size)
-    rows = np.frombuffer(plain, np.uint8).reshape(size, points).T
-    found: npt.NDArray[np.uint8] = np.add.accumulate(rows, axis=0, dtype=np.uint8) if differences else rows
-    return found
+def put_bytes(out: bytearray, rows: npt.NDArray[np.uint8], level: int, forms: Sequence[int] = (1, 0)) -> int:
+    """(N, size) bytes, as of way 0, in that of some forms that takes fewest; the form."""
+    packed = []
+    for form in forms:
+        steps = rows.copy()
+        if form:
+            steps[1:] -= rows[:-1]
+        packed.append(compress(steps.T.tobytes(), level))
+    best = min(range(len(forms)), key=lambda number: len(packed[number]))
+    out.append(forms[best])
+    put_sized(out, packed[best])
+    return forms[best]
 
 
 def numbers_of(values: Values) -> Numbers | None:
@@ -158,38 +174,39 @@ def numbers_of(values: Values) -> Numbers | None:
         return values.astype(np.int64)
     bits = values.view(np.int64)
     steps: Numbers = bits - bits[:1]
-    return None if len(steps) and int(np.abs(steps).max()) >= _WIDEST else steps
+    return None if len(steps) and int(np.abs(steps).max()) >= WIDEST else steps
 
 
-def from_numbers(numbers: Numbers, dtype: np.dtype[Any]) -> Values:
-    """The inverse. Raises SectionError for a number that does not fit."""
-    if dtype.itemsize == 8:
-        return numbers.view(dtype)
-    limits = np.iinfo(np.int32 if dtype == np.float32 else dtype)
-    if len(numbers) and not limits.min <= int(numbers.min()) <= int(numbers.max()) <= limits.max:
-        raise SectionError(f"a number that does not fit a column of {dtype}")
-    return from_ordered(numbers) if dtype == np.float32 else numbers.astype(dtype)
-
-
-def encode_column(values: Values, image: Image) -> Coded:
-    """A column, (N,) in the machine's byte order."""
+def encode_column(values: Values, image: Image, before: Coded | None = None) -> Coded:
+    """A column, (N,) in the machine's byte order. before: the same column of the message before it in a stream."""
     raw = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
-    if len(values) and (raw == raw[0]).all():
+    bits = values.view(f"u{values.dtype.itemsize}")
+    if len(values) and (bits == bits[0]).all():
         return Coded(Way.CONSTANT, bytearray(raw[0].tobytes()))
+    if before is not None and before.way == Way.BYTES:
+        again = _bytes(raw, image.level, (before.number,))
+        if len(again.data) <= len(before.data) * _LONGER:
+            return again
     numbers = numbers_of(values)
+    found: list[Coded] = []
     if numbers is not None and image.grid is not None:
-        found = _in_image(values, numbers, image, image.grid)
-        if found is not None:
-            return _based(found, raw)
-    plain = Coded(Way.BYTES)
-    put_bytes(plain.data, raw, image.level)
-    if numbers is None:
-        return plain
-    steps = Coded(Way.STEPS)
-    coded = fast.encode_signed((np.diff(numbers, prepend=0),))
-    put_varint(steps.data, len(coded))
-    steps.data += coded
-    return min(plain, _based(steps, raw), key=lambda one: len(one.data))
+        in_image = _in_image(values, numbers, image, image.grid, before)
+        if in_image is not None:
+            found.append(_based(in_image, raw))
+            if len(in_image.data) * _SURELY_LESS < len(values):
+                return in_image
+    found.append(_bytes(raw, image.level))
+    if numbers is not None:
+        steps = Coded(Way.STEPS)
+        put_sized(steps.data, fast.encode_signed((np.diff(numbers, prepend=0),)))
+        found.append(_based(steps, raw))
+    return min(found, key=lambda one: len(one.data))
+
+
+def _bytes(raw: npt.NDArray[np.uint8], level: int, forms: Sequence[int] = (1, 0)) -> Coded:
+    coded = Coded(Way.BYTES)
+    coded.number = put_bytes(coded.data, raw, level, forms)
+    return coded
 
 
 def _based(coded: Coded, raw: npt.NDArray[np.uint8]) -> Coded:
@@ -199,13 +216,17 @@ def _based(coded: Coded, raw: npt.NDArray[np.uint8]) -> Coded:
     return coded
 
 
-def _in_image(values: Values, numbers: Numbers, image: Image, grid: Grid) -> Coded | None:
+def _in_image(values: Values, numbers: Numbers, image: Image, grid: Grid, before: Coded | None) -> Coded | None:
     single, long = values.dtype == np.float32, values.dtype.itemsize == 8
+    if before is not None:
+        found = _as_before(values, numbers, image, grid, before)
+        if found is not None:
+            return found
     if not long and np.array_equal(numbers, grid.row):
         return Coded(Way.ROW)
     if not long and values.dtype.kind == "u" and np.array_equal(numbers, image.n):
         return Coded(Way.RANGE)
-    if single and image.geometry is not None and _same_bits(values, _metres(image)):
+    if single and image.geometry is not None and _same_bits(values, metres_of(image)):
         return Coded(Way.METRES)
     by_row = _first_of(grid.row, grid.rows, numbers)
     if np.array_equal(by_row[grid.row], numbers):
@@ -213,27 +234,46 @@ def _in_image(values: Values, numbers: Numbers, image: Image, grid: Grid) -> Cod
         put_line(coded.data, by_row)
         return coded
     if single:
-        with np.errstate(invalid="ignore", over="ignore"):
-            whole = np.where(np.abs(values) <= MOST, values, 0).astype(np.int64)
-        if whole.min() >= 0 and _same_bits(values, whole.astype(np.float32)):
-            return Coded(Way.WHOLE, plane=whole)
-        return _angle(values, image, grid) or _times(values, grid)
+        return _whole(values) or _angle(values, image, grid) or _times(values, grid)
     sums = _sums(numbers, grid)
-    if (
-        not long
-        and int(numbers.min()) >= 0
-        and int(numbers.max()) <= MOST
-        and (sums is None or int(numbers.max()) < 256)
-    ):
+    if not long and _fits_plane(numbers) and (sums is None or int(numbers.max()) < 256):
         return Coded(Way.PLANE, plane=numbers)
     return sums
+
+
+def _as_before(values: Values, numbers: Numbers, image: Image, grid: Grid, before: Coded) -> Coded | None:
+    """A column in the way of the message before, in ways that take long to find; None if that does not do as well."""
+    single = values.dtype == np.float32
+    if before.way == Way.WHOLE and single:
+        return _whole(values)
+    if before.way == Way.PLANE and values.dtype.itemsize < 8 and not single and _fits_plane(numbers):
+        return Coded(Way.PLANE, plane=numbers)
+    if before.way == Way.ANGLE and single and image.geometry is not None:
+        found = _angle(values, image, grid, (before.number,))
+        return found if found is not None and found.left <= before.left * _MORE[0] + _MORE[1] else None
+    if before.by_row is None or len(before.by_row) != grid.rows or single != (before.way == Way.TIMES):
+        return None
+    found = _times(values, grid, before.by_row) if single else _sums(numbers, grid, before.by_row)
+    return found if found is not None and found.left <= before.left * _MORE[0] + _MORE[1] else None
+
+
+def _fits_plane(numbers: Numbers) -> bool:
+    return int(numbers.min()) >= 0 and int(numbers.max()) <= MOST
+
+
+def _whole(values: Values) -> Coded | None:
+    with np.errstate(invalid="ignore", over="ignore"):
+        whole = np.where(np.abs(values) <= MOST, values, 0).astype(np.int64)
+    if whole.min() < 0 or not _same_bits(values, whole.astype(np.float32)):
+        return None
+    return Coded(Way.WHOLE, plane=whole)
 
 
 def _same_bits(one: Values, other: Values) -> bool:
     return np.array_equal(one.view(np.uint32), other.view(np.uint32))
 
 
-def _metres(image: Image) -> Values:
+def metres_of(image: Image) -> Values:
     assert image.geometry is not None
     return image.n.astype(np.float32) * np.float32(image.geometry.step_m)
 
@@ -242,18 +282,19 @@ def _first_of(group: Numbers, groups: int, numbers: Numbers) -> Numbers:
     """(groups,) number of the first point of each group; of a group without points that of the one before."""
     found = np.zeros(groups, np.int64)
     there = np.zeros(groups, np.int64)
-    found[group[::-1]] = numbers[::-1]
-    there[group] = np.arange(groups)[group]
+    begins = np.flatnonzero(np.diff(group, prepend=-1))[::-1]  # of runs of one group, the last run first
+    found[group[begins]] = numbers[begins]
+    there[group[begins]] = group[begins]
     return found[np.maximum.accumulate(there)]
 
 
-def _split_up(numbers: Numbers, grid: Grid) -> tuple[Numbers, Numbers, Numbers]:
-    """A number for each column, (W,), one for each row, (H,), and what is left of each point."""
+def _row_numbers(numbers: Numbers, grid: Grid) -> Numbers:
+    """(H,) of each row, what its points mostly have more than others of their column."""
     by_column = _first_of(grid.column, grid.columns, numbers)
     by_row = _typical(numbers - by_column[grid.column], grid)
     by_column = _first_of(grid.column, grid.columns, numbers - by_row[grid.row])
     by_row += _typical(numbers - by_row[grid.row] - by_column[grid.column], grid)
-    return by_column, by_row, numbers - by_column[grid.column] - by_row[grid.row]
+    return by_row
 
 
 def _typical(numbers: Numbers, grid: Grid) -> Numbers:
@@ -265,108 +306,55 @@ def _typical(numbers: Numbers, grid: Grid) -> Numbers:
     return found
 
 
-def _sums(numbers: Numbers, grid: Grid) -> Coded | None:
-    by_column, by_row, left = _split_up(numbers, grid)
-    spread = zigzag(left)
-    if int(spread.max()) > MOST or max(int(np.abs(part).max()) for part in (by_column, by_row)) >= _WIDEST:
+def _sums(numbers: Numbers, grid: Grid, by_row: Numbers | None = None) -> Coded | None:
+    """by_row: of the message before; None: it is found."""
+    if max(abs(int(numbers.min())), abs(int(numbers.max()))) >= WIDEST:
         return None
-    coded = Coded(Way.SUMS, plane=spread)
+    by_row = _row_numbers(numbers, grid) if by_row is None else by_row
+    return _summed(Way.SUMS, _native.encode_sums(grid.cells, numbers, by_row), by_row, len(numbers))
+
+
+def _times(values: Values, grid: Grid, by_row: Numbers | None = None) -> Coded | None:
+    if by_row is None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            ticks = np.rint(values.astype(np.float64) / TICK)
+        if not np.all(np.abs(ticks) < 1e15):
+            return None
+        by_row = _row_numbers(ticks.astype(np.int64), grid)
+    return _summed(Way.TIMES, _native.encode_times(grid.cells, values, by_row), by_row, len(values))
+
+
+def _summed(way: Way, sums: tuple[Numbers, bytes, int] | None, by_row: Numbers, points: int) -> Coded | None:
+    if sums is None or max(int(np.abs(part).max()) for part in (sums[0], by_row)) >= WIDEST:
+        return None
+    by_column, left, not_told = sums
+    coded = Coded(way, by_row=by_row, left=not_told / points)
     put_line(coded.data, by_column)
     put_line(coded.data, by_row)
+    put_sized(coded.data, left)
     return coded
 
 
-def _times(values: Values, grid: Grid) -> Coded | None:
-    with np.errstate(invalid="ignore", over="ignore"):
-        ticks = np.rint(values.astype(np.float64) / TICK)
-    if not np.all(np.abs(ticks) < 1e15):
-        return None
-    by_column, by_row, _ = _split_up(ticks.astype(np.int64), grid)
-    told = (by_column[grid.column] + by_row[grid.row]).astype(np.float64) * TICK
-    spread = zigzag(ordered(values) - ordered(told.astype(np.float32)))
-    if int(spread.max()) > MOST:
-        return None
-    coded = Coded(Way.TIMES, plane=spread)
-    put_line(coded.data, by_column)
-    put_line(coded.data, by_row)
-    return coded
-
-
-def _angles(image: Image, grid: Grid, number: int) -> npt.NDArray[np.float32]:
+def angles_of(image: Image, grid: Grid, number: int) -> npt.NDArray[np.float32]:
     """Direction of each point in radians as the driver has it with sense and quarters of ANGLES[number]."""
     assert image.geometry is not None
     sense, quarters = ANGLES[number]
-    turns = directions(image.geometry, grid.row, image.k) * sense + quarters * 0.25
+    turns = directions(image.geometry, grid.row, image.k.astype(np.int64)) * sense + quarters * 0.25
     return ((turns - np.floor(turns)) * _TURN).astype(np.float32)
 
 
-def _angle(values: Values, image: Image, grid: Grid) -> Coded | None:
+def _angle(values: Values, image: Image, grid: Grid, numbers: Sequence[int] = _ANGLE_NUMBERS) -> Coded | None:
     if image.geometry is None:
         return None
-    best: Coded | None = None
-    least = np.inf
-    for number in range(1, len(ANGLES)):
-        spread = zigzag(ordered(values) - ordered(_angles(image, grid, number)))
-        if int(spread.max()) <= MOST and spread.mean() < least:
-            least, best = float(spread.mean()), Coded(Way.ANGLE, bytearray([number]), spread)
-    return best
-
-
-def decode_column(
-    way: int, reader: VarintReader, dtype: np.dtype[Any], points: int, image: Image, plane: Numbers | None
-) -> Values:
-    """The inverse of `encode_column`. plane: (N,) numbers of its plane, if it has one.
-
-    Raises SectionError, TruncatedError.
-    """
-    grid = image.grid
-    if way == Way.BYTES:
-        raw = np.ascontiguousarray(read_bytes(reader, points, dtype.itemsize))
-        return raw.view(dtype).ravel()
-    if way == Way.CONSTANT:
-        return np.full(points, np.frombuffer(reader.take(dtype.itemsize), dtype)[0], dtype)
-    base = np.int64(0)
-    if dtype.itemsize == 8:
-        base = np.frombuffer(reader.take(8), "<i8").astype(np.int64)[0]
-    if way == Way.STEPS:
-        (steps,) = fast.decode_signed(reader.take(reader.varint(len(reader))), [points])
-        return from_numbers(np.cumsum(steps) + base, dtype)
-    if grid is None:
-        raise SectionError(f"a column coded in the way {way}, of a cloud without a range image")
-    if dtype.itemsize == 8 and way not in (Way.BY_ROW, Way.SUMS):
-        raise SectionError(f"a column of {dtype} coded in the way {way}")
-    if way == Way.ROW:
-        return from_numbers(grid.row, dtype)
-    if way == Way.RANGE:
-        return from_numbers(image.n, dtype)
-    if way == Way.BY_ROW:
-        return from_numbers(read_line(reader, grid.rows)[grid.row] + base, dtype)
-    if way == Way.SUMS and plane is not None:
-        return from_numbers(_told(reader, grid) + unzigzag(plane) + base, dtype)
-    if way == Way.PLANE and plane is not None:
-        return from_numbers(plane, dtype)
-    if dtype != np.float32:
-        raise SectionError(f"a column of {dtype} coded in the way {way}")
-    if way == Way.WHOLE and plane is not None:
-        return plane.astype(np.float32)
-    if way == Way.TIMES and plane is not None:
-        told = (_told(reader, grid).astype(np.float64) * TICK).astype(np.float32)
-        return from_numbers(ordered(told) + unzigzag(plane), dtype)
-    if image.geometry is not None and way == Way.METRES:
-        return _metres(image)
-    if image.geometry is not None and way == Way.ANGLE and plane is not None:
-        number = reader.byte()
-        if not 1 <= number < len(ANGLES):
-            raise SectionError(f"an angle of the unknown sense {number}")
-        return from_numbers(ordered(_angles(image, grid, number)) + unzigzag(plane), dtype)
-    raise SectionError(f"a column coded in the unknown way {way}")
-
-
-def _told(reader: VarintReader, grid: Grid) -> Numbers:
-    """(N,) sum of the numbers of column and row."""
-    by_column = read_line(reader, grid.columns)
-    by_row = read_line(reader, grid.rows)
-    if max(int(np.abs(part).max(initial=0)) for part in (by_column, by_row)) >= _WIDEST:
-        raise SectionError("a number of a column or row beyond 60 bits")
-    told: Numbers = by_column[grid.column] + by_row[grid.row]
-    return told
+    best: Numbers | None = None
+    least, number = np.inf, 0
+    for one in numbers:
+        left = ordered(values) - ordered(angles_of(image, grid, one))
+        far = float(np.abs(left).mean())
+        if int(zigzag(left).max()) <= MOST and far < least:
+            least, number, best = far, one, left
+    if best is None:
+        return None
+    coded = Coded(Way.ANGLE, bytearray([number]), left=float(np.count_nonzero(best)) / len(best), number=number)
+    put_sized(coded.data, _native.encode_field_rests(grid.cells, zigzag(best).astype(np.uint32)))
+    return coded

@@ -166,8 +166,9 @@ def _directions(azimuth: Floats, rho: Floats, aside: Floats, rows: _Rows, fine: 
     turn, phase = found
     k = np.rint(turns * turn - phase[rows.row])
     _, exact = rows.line(np.zeros(len(k)), turns * turn - k)
-    thousandths = np.rint(exact * 1000.0) / 1000.0
-    exact = np.where(np.abs(exact - thousandths) < 2e-4, thousandths, exact)  # angles of calibration files are such
+    decimal = 1000.0 if turn % 360 == 0 else 1000.0 * 360 / turn  # thousandths of a step, or of a degree
+    near = np.rint(exact * decimal) / decimal
+    exact = np.where(np.abs(exact - near) < 2e-6 * turn / 360, near, exact)  # angles of calibration files are such
     return turn, exact, k.astype(np.int64)
 
 

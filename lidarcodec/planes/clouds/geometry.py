@@ -27,7 +27,7 @@ SCALES: Final = {
     "up": 2.0**-36,
     "up_m": 2.0**-28,
     "aside_m": 2.0**-28,
-    "turned": 2.0**-20,
+    "turned": 2.0**-28,
 }
 """Number of a row in the order of the section -> what one unit of it is worth. Fine enough for float32 at 100 m."""
 ANGLES: Final = ((0, 0), (-1, 0), (1, 0), (-1, 1), (1, 1), (-1, 3), (1, 3))
@@ -56,6 +56,11 @@ class Geometry:
         place = list(SCALES).index(name)
         found: Floats = self.rows[place].astype(np.float64) * SCALES[name]
         return found
+
+    def native(self, left: int, unit: float) -> tuple[float, int, bool, int, Floats, int, float]:
+        """As the native core takes it, with the form and the unit of what is left of coordinates."""
+        values = np.stack([self.value(name) for name in SCALES])
+        return self.step_m, self.turn, self.narrow, self.angles, values, left, unit
 
 
 class Points(NamedTuple):
@@ -119,13 +124,13 @@ def predicted(geometry: Geometry, row: Numbers, n: Numbers, k: Numbers) -> Point
 
 def ordered(values: npt.NDArray[np.float32]) -> Numbers:
     """float32 as whole numbers in the same order; neighbours differ by 1. -0.0 is -1 less than 0.0."""
-    bits = values.view(np.int32).astype(np.int64)
-    found: Numbers = np.where(bits >= 0, bits, -(bits & 0x7FFFFFFF) - 1)
+    bits = values.view(np.int32)
+    found: Numbers = (bits ^ ((bits >> 31) & np.int32(0x7FFFFFFF))).astype(np.int64)
     return found
 
 
 def from_ordered(numbers: Numbers) -> npt.NDArray[np.float32]:
-    """The inverse of `ordered`."""
-    bits = np.where(numbers >= 0, numbers, (-(numbers + 1)) | 0x80000000)
-    found: npt.NDArray[np.float32] = bits.astype(np.uint32).view(np.float32)
+    """The inverse of `ordered`, of numbers of 32 bits."""
+    bits = numbers.astype(np.int32)
+    found: npt.NDArray[np.float32] = (bits ^ ((bits >> 31) & np.int32(0x7FFFFFFF))).view(np.float32)
     return found

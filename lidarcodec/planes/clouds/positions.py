@@ -1,220 +1,260 @@
-"""x, y and z of the points of a cloud as planes: range n, direction k, and what is left of each coordinate.
+"""x, y and z of the points of a cloud: range n, direction k, and what is left of each coordinate.
 
-A point whose coordinates are not what the geometry says, by more than a plane can hold, is *apart*: its bytes are sent.
+Ranges are a plane of the range image. The native core (native/src/clouds) codes the rest. A point whose coordinates are
+not what the geometry says, by more than that can code, is *apart*: its bytes are sent.
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
-from typing import Final
+from enum import IntEnum
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.entropy import fast
-from lidarcodec.entropy.rest_coder import put_line, read_line
 from lidarcodec.entropy.varint import VarintReader, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
-from lidarcodec.planes.clouds.columns import MOST, Image, unzigzag, zigzag
+from lidarcodec.planes.clouds.columns import MOST, Image, put_sized
 from lidarcodec.planes.clouds.fit import Fit, fit
-from lidarcodec.planes.clouds.geometry import (
-    ANGLES,
-    SCALES,
-    Geometry,
-    Numbers,
-    from_ordered,
-    ordered,
-    predicted,
-)
+from lidarcodec.planes.clouds.geometry import ANGLES, SCALES, Geometry, Numbers, ordered, predicted
 from lidarcodec.sensors.clouds.grid import Grid
 from lidarcodec.sensors.clouds.message import CloudMessage
 from lidarcodec.units import AZIMUTH_TURN
 
 Singles = npt.NDArray[np.float32]
+Flags = npt.NDArray[np.bool_]
 
-NAMES: Final = ("range", "direction", "x", "y", "z")
-_ULPS, _DECIMAL, _METRES = 0, 1, 2
 _HEAD: Final = struct.Struct("<BdIBBd")
 _DECIMALS: Final = (100.0, 1000.0, 10000.0)
+_STEPS_M: Final = (0.008, 0.005, 0.004, 0.0025, 0.002, 0.001)
 _LOOKED_AT: Final = 4096
 _PART: Final = 0.4
 """Part of the allowed error that a range step may take, and that a direction may."""
+_MOST_APART: Final = 0.25
+"""Part of the points that may be apart; with more, coordinates are columns."""
+_WORSE: Final = 1.02
+"""A fit is made anew where a point takes so many times the bits that it took when the fit was made, and more."""
+_MORE_BITS: Final = 0.05
+_FARTHEST_TURNED: Final = float(1 << 32)
+
+
+class Left(IntEnum):
+    """What is left of a coordinate: units in the last place, steps of 1 / unit, or steps of unit metres."""
+
+    LAST_PLACES = 0
+    DECIMALS = 1
+    METRES = 2
+
+
+class State(IntEnum):
+    """How a point is coded: by its numbers, by its bytes, or as one without a return, whose bits are known."""
+
+    CODED = 0
+    APART = 1
+    EMPTY = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """x, y and z as planes and what they need beside: head (bytes), and (N,) numbers of each plane of NAMES."""
+    """x, y and z as they are coded. data: all but the ranges, which `image` has; xyz: (3, N) before they were coded."""
 
-    head: bytes
+    data: bytes
     image: Image
-    planes: dict[str, Numbers]
+    xyz: Singles
+    fitted: Fitted
 
 
 @dataclass(frozen=True, eq=False)
-class _Rest:
-    """What is left of coordinates. kind: units in the last place, steps of 1 / unit, or steps of unit metres."""
+class Fitted:
+    """What coordinates are computed from, for the message after this one too.
 
-    kind: int
+    bits: that a point took, roughly, when the fit was made; apart: part of the points that were apart
+    step_m: of ranges that the message has beside its coordinates; None if it has none
+    bound_m: of the error; useless: how many times in a row a new fit was no better
+    """
+
+    geometry: Geometry
+    left: Left
     unit: float
-
-    def of(self, values: Singles, told: npt.NDArray[np.float64], bound_m: float | None) -> Numbers:
-        """(3, N) whole numbers. Beyond the range of planes they mean nothing."""
-        single = told.astype(np.float32)
-        if self.kind == _ULPS:
-            return ordered(values) - ordered(single)
-        if self.kind == _DECIMAL:
-            return _whole(values.astype(np.float64) * self.unit) - _whole(told * self.unit)
-        off = values.astype(np.float64) - single
-        steps = _whole((values.astype(np.float64) - told) / self.unit)
-        near = np.sqrt((off * off).sum(axis=0)) <= (bound_m or 0.0)
-        return np.where(near, 0, steps)
-
-    def back(self, told: npt.NDArray[np.float64], rest: Numbers) -> Singles:
-        """(3, N) coordinates."""
-        if self.kind == _ULPS:
-            numbers = np.clip(ordered(told.astype(np.float32)) + rest, -(2**31), 2**31 - 1)
-            return from_ordered(numbers)
-        if self.kind == _DECIMAL:
-            return ((_whole(told * self.unit) + rest).astype(np.float64) / self.unit).astype(np.float32)
-        return (told + rest.astype(np.float64) * self.unit).astype(np.float32)
+    bits: float
+    apart: float
+    step_m: float | None
+    bound_m: float | None
+    useless: int = 0
 
 
-def _whole(values: npt.NDArray[np.float64]) -> Numbers:
-    with np.errstate(invalid="ignore"):
-        found: Numbers = np.rint(np.clip(values, -1e15, 1e15)).astype(np.int64)
-    return found
+class _Coded(NamedTuple):
+    data: bytes
+    states: npt.NDArray[np.uint8]
+    n: npt.NDArray[np.uint32]
+    k: npt.NDArray[np.int32]
+    bits: float
+
+    @property
+    def apart(self) -> float:
+        """Part of the points that are apart."""
+        return float(np.count_nonzero(self.states == State.APART)) / max(len(self.states), 1)
 
 
-def encode_positions(message: CloudMessage, grid: Grid, max_error_m: float | None, level: int) -> Positions | None:
-    """Planes of a message's float32 coordinates; None if these are of another type, or do not lie as rows of beams do.
+class _Known(NamedTuple):
+    """Ranges that a message has beside its coordinates, (N,), 0 where there is none, and their step in metres."""
+
+    n: npt.NDArray[np.uint32]
+    step_m: float
+
+
+def encode_positions(
+    message: CloudMessage, grid: Grid, max_error_m: float | None, level: int, before: Fitted | None = None
+) -> Positions | None:
+    """A message's float32 coordinates; None if these are of another type, or do not lie as rows of beams do.
 
     max_error_m: largest distance between a point and what comes back; None: every bit comes back
+    before: of the message before it in a stream
     """
     axes = [message.values(name) for name in "xyz"]
     if any(axis is None or axis.dtype != np.float32 for axis in axes):
         return None
-    xyz = np.stack([np.asarray(axis, np.float32) for axis in axes])
-    none = _none_of(xyz, message.returns) if grid.full else None
-    empty = np.zeros(grid.row.shape, np.bool_)
-    if none is not None:
-        empty = (xyz.view(np.uint32) == none[:, None]).all(axis=0) & ~message.returns
+    xyz = np.stack([np.asarray(axis) for axis in axes])
     there = message.returns
     if np.count_nonzero(there) < 16:
         return None
-    found, rest = _fitted(message, grid, xyz[:, there].astype(np.float64), max_error_m)
-    n, k = np.zeros(len(there), np.int64), np.zeros(len(there), np.int64)
-    n[there], k[there] = found.n, found.k
-    told = np.stack(predicted(found.geometry, grid.row, n, k))
-    left = rest.of(xyz, told, max_error_m)
-    back = rest.back(told, left)
-    spread = zigzag(left)
-    by_column = _columns(k, there, grid)
-    spread_k = zigzag(k - by_column[grid.column])
-    fits = there & (spread <= MOST).all(axis=0) & (spread_k <= MOST)
-    if max_error_m is None or rest.kind != _METRES:
-        fits &= (back.view(np.uint32) == xyz.view(np.uint32)).all(axis=0)
+    none = _none_of(xyz, there) if grid.full else None
+    known = _known(message, there, None if before is None else before.step_m)
+
+    def coded(geometry: Geometry, left: Left, unit: float, k: npt.NDArray[np.int32] | None = None) -> _Coded:
+        n = None if known is None else known.n
+        native = geometry.native(left, unit)
+        return _Coded(
+            *_native.encode_points(xyz, there.view(np.uint8), grid.cells, native, n, k, none, max_error_m or 0.0)
+        )
+
+    found: _Coded | None = None
+    kept = before if before is not None and _fits(before, grid, known, max_error_m) else None
+    if kept is not None:
+        found = coded(kept.geometry, kept.left, kept.unit)
+        patience = 1 << min(kept.useless, 6)
+        worst = kept.bits * (1 + (_WORSE - 1) * patience) + _MORE_BITS * patience
+        if found.bits <= worst and found.apart <= kept.apart + 0.01 * patience:
+            return _positions(found, xyz, grid, kept, none, level)
+    fresh = _fitted(message, grid, xyz[:, there].astype(np.float64), known, max_error_m)
+    other = coded(fresh.geometry, fresh.left, fresh.unit)
+    if kept is None or found is None or other.bits + 32 * other.apart < found.bits + 32 * found.apart:
+        found, kept = other, replace(fresh, bits=other.bits, apart=other.apart)
     else:
-        off = back.astype(np.float64) - xyz
-        fits &= (off * off).sum(axis=0) <= max_error_m * max_error_m
-    apart = ~fits & ~empty
-    if np.count_nonzero(apart) > 0.25 * len(there):
-        return None
-    unused = ~fits
-    n = np.where(apart & ~(there & (n > 0)), 1, n)
-    n[empty] = 0
-    k = np.where(unused, by_column[grid.column], k)
-    planes = {"range": n, "direction": np.where(unused, 0, spread_k)}
-    planes |= {name: np.where(unused, 0, part) for name, part in zip("xyz", spread, strict=True)}
+        kept = replace(kept, bits=found.bits, apart=found.apart, useless=kept.useless + 1)
+    return None if found.apart > _MOST_APART else _positions(found, xyz, grid, kept, none, level)
+
+
+def _positions(
+    found: _Coded, xyz: Singles, grid: Grid, fitted: Fitted, none: npt.NDArray[np.uint32] | None, level: int
+) -> Positions:
     out = bytearray()
-    _put_geometry(out, found.geometry, rest)
-    put_line(out, by_column)
-    _put_apart(out, xyz, apart, none, level)
-    image = Image(grid, found.geometry, n, k, level)
-    return Positions(bytes(out), image, planes)
+    _put_geometry(out, fitted)
+    put_sized(out, found.data)
+    _put_apart(out, xyz, found.states == State.APART, none, level)
+    image = Image(grid, fitted.geometry, found.n, found.k, level)
+    return Positions(bytes(out), image, xyz, fitted)
 
 
-def decode_positions(reader: VarintReader, grid: Grid, planes: dict[str, Numbers]) -> tuple[Singles, Image]:
-    """(3, N) float32 coordinates, and what columns need of them.
+def decode_positions(data: bytes, grid: Grid, ranges: npt.NDArray[np.uint32]) -> tuple[Singles, Image]:
+    """(3, N) float32 coordinates, and what columns need of them. ranges: (N,) n of each point.
 
     Raises SectionError, TruncatedError.
     """
-    geometry, rest = _read_geometry(reader, grid.rows)
-    by_column = read_line(reader, grid.columns)
-    if int(np.abs(by_column).max(initial=0)) >= 1 << 40:
-        raise SectionError("a direction of a column that is no direction")
-    n = planes["range"]
-    k = by_column[grid.column] + unzigzag(planes["direction"])
-    told = np.stack(predicted(geometry, grid.row, n, k))
-    left = np.stack([unzigzag(planes[name]) for name in "xyz"])
-    with np.errstate(over="ignore", invalid="ignore"):
-        xyz = rest.back(told, left)
-    places, values, none = _read_apart(reader, len(n))
+    reader = VarintReader(data)
+    geometry, left, unit = _read_geometry(reader, grid.rows)
+    coded = reader.take(reader.varint(len(reader)))
+    xyz, k = _native.decode_points(coded, grid.cells, geometry.native(left, unit), ranges)
+    places, values, none = _read_apart(reader, len(ranges))
+    reader.end()
     if none is not None:
-        xyz[:, n == 0] = none[:, None].view(np.float32)
+        xyz[:, ranges == 0] = none[:, None].view(np.float32)
     xyz[:, places] = values
-    return xyz, Image(grid, geometry, n, k)
+    return xyz, Image(grid, geometry, ranges, k)
 
 
-def _none_of(xyz: Singles, returns: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint32] | None:
+def _fits(before: Fitted, grid: Grid, known: _Known | None, max_error_m: float | None) -> bool:
+    """Whether what was found in the message before can be true of this one."""
+    step_m = None if known is None else known.step_m
+    rows = before.geometry.rows.shape[1]
+    return rows == grid.rows and before.step_m == step_m and before.bound_m == max_error_m
+
+
+def _none_of(xyz: Singles, returns: Flags) -> npt.NDArray[np.uint32] | None:
     """(3,) bits of most points without a return."""
     bits = xyz.view(np.uint32)[:, ~returns]
     if not bits.shape[1]:
         return None
+    first = bits[:, 0].copy()
+    if (bits == first[:, None]).all():
+        return first
     kinds, counts = np.unique(bits, axis=1, return_counts=True)
-    found: npt.NDArray[np.uint32] = kinds[:, counts.argmax()]
+    found: npt.NDArray[np.uint32] = kinds[:, counts.argmax()].copy()
     return found
 
 
-def _known(message: CloudMessage, there: npt.NDArray[np.bool_]) -> tuple[Numbers, float] | None:
-    """Ranges that the message has beside its coordinates, and their step: Ouster's `range` or nebula's `distance`."""
+def _known(message: CloudMessage, there: Flags, step_m: float | None) -> _Known | None:
+    """Ranges that the message has beside its coordinates: Ouster's `range` or nebula's `distance`. step_m: of the
+    message before."""
     ranges = message.values("range")
     if ranges is not None and ranges.dtype.kind == "u" and 0 < int(ranges[there].max()) <= MOST:
-        return ranges[there].astype(np.int64), 0.001
+        return _Known(np.where(there, ranges, 0).astype(np.uint32), 0.001)
     distances = message.values("distance")
     if distances is None or distances.dtype != np.float32:
         return None
     found = distances[there]
-    for step in (0.008, 0.005, 0.004, 0.0025, 0.002, 0.001):
+    for step in sorted(_STEPS_M, key=lambda step: (step != step_m, -step)):
         with np.errstate(invalid="ignore", over="ignore"):
-            n = np.rint(np.clip(found / np.float32(step), 0, MOST)).astype(np.int64)
+            n = np.rint(np.clip(found / np.float32(step), 0, MOST)).astype(np.uint32)
         if np.array_equal(n.astype(np.float32) * np.float32(step), found) and n.min() > 0:
-            return n, step
+            whole = np.zeros(len(there), np.uint32)
+            whole[there] = n
+            return _Known(whole, step)
     return None
 
 
 def _fitted(
-    message: CloudMessage, grid: Grid, xyz: npt.NDArray[np.float64], max_error_m: float | None
-) -> tuple[Fit, _Rest]:
+    message: CloudMessage, grid: Grid, xyz: npt.NDArray[np.float64], known: _Known | None, max_error_m: float | None
+) -> Fitted:
+    """A fit to the points with a return, (3, N)."""
     there = message.returns
-    known = _known(message, there)
     row, column = grid.row[there], grid.column[there]
     decimal = next((unit for unit in _DECIMALS if _is_decimal(xyz, unit)), None)
     step_m: float | None = None
     fine: int | None = None
     if max_error_m is not None:
-        rest = _Rest(_METRES, max_error_m * (2 / np.sqrt(3)) * 0.98)
+        left, unit = Left.METRES, max_error_m * (2 / np.sqrt(3)) * 0.98
         step_m = None if known else 2 * _PART * max_error_m
         far = float(np.percentile(np.hypot(xyz[0], xyz[1]), 50))
         fine = 1 << int(np.clip(np.ceil(np.log2(max(np.pi * far / (_PART * max_error_m), 1.0))), 10, 24))
     elif decimal is not None:
-        rest = _Rest(_DECIMAL, decimal)
+        left, unit = Left.DECIMALS, decimal
         step_m, fine = (None, None) if known else (1.0 / decimal, AZIMUTH_TURN)
     else:
-        rest = _Rest(_ULPS, 1.0)
-    known_n, known_step_m = known if known is not None else (None, 0.0)
-    found = fit(xyz, row, column, grid.rows, known=known_n, known_step_m=known_step_m, step_m=step_m, fine_turn=fine)
-    return (found if rest.kind != _ULPS else _rounded_as_driver(found, xyz, row)), rest
+        left, unit = Left.LAST_PLACES, 1.0
+    known_n, known_step_m = (None, None) if known is None else (known.n[there].astype(np.int64), known.step_m)
+    found = fit(
+        xyz, row, column, grid.rows, known=known_n, known_step_m=known_step_m or 0.0, step_m=step_m, fine_turn=fine
+    )
+    geometry = found.geometry if left != Left.LAST_PLACES else _rounded_as_driver(found, xyz, row)
+    return Fitted(geometry, left, float(unit), np.inf, 1.0, known_step_m, max_error_m)
 
 
 def _is_decimal(xyz: npt.NDArray[np.float64], unit: float) -> bool:
     """Whether all coordinates are whole numbers divided by this one, as float32."""
-    return bool(np.array_equal((np.rint(xyz * unit) / unit).astype(np.float32), xyz.astype(np.float32)))
+    for part in (xyz[:, :256], xyz):
+        if not np.array_equal((np.rint(part * unit) / unit).astype(np.float32), part.astype(np.float32)):
+            return False
+    return True
 
 
-def _rounded_as_driver(found: Fit, xyz: npt.NDArray[np.float64], row: Numbers) -> Fit:
-    """The same with the rounding of the driver, as far as some of the points tell."""
+def _rounded_as_driver(found: Fit, xyz: npt.NDArray[np.float64], row: Numbers) -> Geometry:
+    """The geometry with the rounding of the driver, as far as some of the points tell."""
     chosen = slice(None, None, max(1, len(row) // _LOOKED_AT))
     exact = ordered(xyz[:, chosen].astype(np.float32))
     best, least = found.geometry, np.inf
@@ -226,45 +266,29 @@ def _rounded_as_driver(found: Fit, xyz: npt.NDArray[np.float64], row: Numbers) -
             cost = float(np.log2(1.0 + off).sum())
             if cost < least:
                 best, least = geometry, cost
-    return found._replace(geometry=best)
+    return best
 
 
-def _columns(k: Numbers, there: npt.NDArray[np.bool_], grid: Grid) -> Numbers:
-    """(W,) direction of each column: the median of those of its points; of a column without any that before it."""
-    column, directions = grid.column[there], k[there]
-    order = np.lexsort((directions, column))
-    count = np.bincount(column, minlength=grid.columns)
-    begin = np.concatenate(([0], np.cumsum(count)[:-1]))
-    middle = directions[order][np.minimum(begin + count // 2, len(directions) - 1)]
-    last = np.maximum.accumulate(np.where(count > 0, np.arange(grid.columns), 0))
-    found: Numbers = middle[last]
-    return found
-
-
-def _put_geometry(out: bytearray, geometry: Geometry, rest: _Rest) -> None:
+def _put_geometry(out: bytearray, fitted: Fitted) -> None:
+    geometry = fitted.geometry
     flags = int(geometry.narrow)
-    out += _HEAD.pack(flags, geometry.step_m, geometry.turn, geometry.angles, rest.kind, rest.unit)
-    coded = fast.encode_signed(list(geometry.rows))
-    put_varint(out, len(coded))
-    out += coded
+    out += _HEAD.pack(flags, geometry.step_m, geometry.turn, geometry.angles, fitted.left, fitted.unit)
+    put_sized(out, fast.encode_signed(list(geometry.rows)))
 
 
-def _read_geometry(reader: VarintReader, rows: int) -> tuple[Geometry, _Rest]:
-    narrow, step_m, turn, angles, kind, unit = _HEAD.unpack(reader.take(_HEAD.size))
-    sound = narrow <= 1 and angles < len(ANGLES) and kind <= _METRES and 1 <= turn <= 1 << 28
+def _read_geometry(reader: VarintReader, rows: int) -> tuple[Geometry, Left, float]:
+    narrow, step_m, turn, angles, left, unit = _HEAD.unpack(reader.take(_HEAD.size))
+    sound = narrow <= 1 and angles < len(ANGLES) and left <= Left.METRES and 1 <= turn <= 1 << 28
     if not sound or not 1e-9 < step_m < 1e3 or not 1e-9 < unit < 1e6:
         raise SectionError(f"a geometry of {turn} steps of a turn and ranges in {step_m} m")
     values = fast.decode_signed(reader.take(reader.varint(len(reader))), [rows] * len(SCALES))
-    return Geometry(step_m, turn, bool(narrow), angles, np.stack(values)), _Rest(kind, unit)
+    geometry = Geometry(step_m, turn, bool(narrow), angles, np.stack(values))
+    if np.abs(geometry.value("turned")).max(initial=0.0) >= _FARTHEST_TURNED:
+        raise SectionError("a row that is turned by more than any sensor's")
+    return geometry, Left(left), unit
 
 
-def _put_apart(
-    out: bytearray,
-    xyz: Singles,
-    apart: npt.NDArray[np.bool_],
-    none: npt.NDArray[np.uint32] | None,
-    level: int,
-) -> None:
+def _put_apart(out: bytearray, xyz: Singles, apart: Flags, none: npt.NDArray[np.uint32] | None, level: int) -> None:
     out.append(int(none is not None))
     if none is not None:
         out += none.astype("<u4").tobytes()
@@ -272,12 +296,8 @@ def _put_apart(
     put_varint(out, len(places))
     if not len(places):
         return
-    coded = fast.encode_signed((np.diff(places, prepend=-1) - 1,))
-    put_varint(out, len(coded))
-    out += coded
-    packed = compress(xyz[:, places].astype("<f4").tobytes(), level)
-    put_varint(out, len(packed))
-    out += packed
+    put_sized(out, fast.encode_signed((np.diff(places, prepend=-1) - 1,)))
+    put_sized(out, compress(xyz[:, places].astype("<f4").tobytes(), level))
 
 
 def _read_apart(

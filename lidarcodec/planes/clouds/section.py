@@ -7,6 +7,7 @@ it away: so each message comes back byte for byte, or, with a bound, with all bu
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,21 +16,30 @@ import numpy.typing as npt
 from lidarcodec.entropy.varint import VarintReader, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
+from lidarcodec.planes.clouds.column_decoder import decode_column, read_bytes
 from lidarcodec.planes.clouds.columns import (
     WITH_PLANE,
+    Coded,
     Image,
     columns_of,
-    decode_column,
     encode_column,
     plane_of,
     put_bytes,
-    read_bytes,
+    put_sized,
 )
-from lidarcodec.planes.clouds.positions import NAMES, Positions, decode_positions, encode_positions
+from lidarcodec.planes.clouds.positions import Fitted, Positions, decode_positions, encode_positions
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
 from lidarcodec.sensors.clouds.grid import MAX_CELLS as MAX_GRID
-from lidarcodec.sensors.clouds.grid import MAX_ROWS, Grid, grid_of, places_of
-from lidarcodec.sensors.clouds.message import MAX_MESSAGE, MAX_POINTS, CloudHead, CloudMessage, read_head, read_message
+from lidarcodec.sensors.clouds.grid import MAX_ROWS, Grid, GridFinder, places_of
+from lidarcodec.sensors.clouds.message import (
+    MAX_MESSAGE,
+    MAX_POINTS,
+    CloudHead,
+    CloudMessage,
+    read_head,
+    read_message,
+    values_at,
+)
 from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, Unsigned
 from lidarcodec.units import MAX_COLUMNS
 
@@ -40,12 +50,29 @@ _NO_GRID, _BY_ROW, _BY_COLUMN = 0, 1, 2
 MAX_BOUND_UM: Final = 100_000_000
 """Largest bound on the error of a point, in micrometres."""
 _XYZ: Final = frozenset("xyz")
+_SURELY_LESS: Final = 3
+"""A section by columns that is smaller than the payload by this factor is taken without a look at what zstd makes."""
 
 
-def encode_cloud(payload: bytes, kind: PlaneKind, max_error_m: float | None = None) -> bytes:
+class CloudBefore:
+    """What an encoder knows of the message before in a stream: how its points come, and what they were computed from.
+
+    Each message is decoded without any other: the next one is coded as the one before was, if that does as well.
+    """
+
+    def __init__(self) -> None:
+        self.grids: Final = GridFinder()
+        self.fitted: Fitted | None = None
+        self.columns: dict[tuple[str, int, str], Coded] = {}
+
+
+def encode_cloud(
+    payload: bytes, kind: PlaneKind, max_error_m: float | None = None, before: CloudBefore | None = None
+) -> bytes:
     """The section of a payload (lidarcodec/sensors/clouds/message.py).
 
     max_error_m: largest distance of a point from where it was; None or 0: byte for byte
+    before: of the stream, which learns from this message
 
     Raises SectionError for a payload of more than 32 MiB.
     """
@@ -53,17 +80,19 @@ def encode_cloud(payload: bytes, kind: PlaneKind, max_error_m: float | None = No
         raise SectionError(f"a message of {len(payload)} bytes: the limit is {MAX_MESSAGE}")
     if kind == PlaneKind.PLAIN:
         return bytes([PLAIN]) + payload
+    coded: bytes | None = None
+    try:
+        with np.errstate(all="ignore"):
+            coded, known = _in_columns(read_message(payload), kind, max_error_m or None, before or CloudBefore())
+            back = _from_columns(VarintReader(coded[1:]), known).payload
+    except (LidarCodecError, ArithmeticError, ValueError, IndexError):  # numbers that no driver sends
+        coded = None
+    if coded is not None and back == payload and len(coded) * _SURELY_LESS <= len(payload):
+        return coded
     whole = bytearray([ZSTD])
     put_varint(whole, len(payload))
     whole += compress(payload, 3)
-    try:
-        with np.errstate(all="ignore"):
-            coded, planes = _in_columns(read_message(payload), kind, max_error_m or None)
-            back = _from_columns(VarintReader(coded[1:]), planes).payload
-    except (LidarCodecError, ArithmeticError, ValueError, IndexError):  # numbers that no driver sends
-        return bytes(whole)
-    same = back == payload if not max_error_m else same_but_near(back, payload, max_error_m)
-    return coded if same and len(coded) < len(whole) else bytes(whole)
+    return coded if coded is not None and back == payload and len(coded) < len(whole) else bytes(whole)
 
 
 class Cloud(NamedTuple):
@@ -144,8 +173,19 @@ def point_errors(one: bytes, other: bytes) -> npt.NDArray[np.float64] | None:
     return found
 
 
-def _in_columns(message: CloudMessage, kind: PlaneKind, max_error_m: float | None) -> tuple[bytes, dict[str, Unsigned]]:
-    """The section, and the planes that are in it."""
+class _Known(NamedTuple):
+    """What an encoder that looks whether all comes back knows: the range image, planes of (N,) numbers by name, and
+    coordinates as they were. What comes back of these is known when they are coded (native/src/clouds)."""
+
+    grid: Grid | None
+    planes: dict[str, Numbers]
+    positions: Positions | None
+
+
+def _in_columns(
+    message: CloudMessage, kind: PlaneKind, max_error_m: float | None, before: CloudBefore
+) -> tuple[bytes, _Known]:
+    """The section, and what is in it."""
     head = message.head
     if not 0 < head.points <= MAX_POINTS:
         raise SectionError(f"a message of {head.points} points has no columns")
@@ -155,17 +195,20 @@ def _in_columns(message: CloudMessage, kind: PlaneKind, max_error_m: float | Non
     _put_packed(out, message.payload[: head.size], level)
     _put_packed(out, message.between.tobytes(), level)
     _put_packed(out, message.tail, level)
-    grid = grid_of(message)
-    positions = None if grid is None else encode_positions(message, grid, max_error_m, level)
+    grid = before.grids.find(message)
+    positions = None if grid is None else encode_positions(message, grid, max_error_m, level, before.fitted)
+    before.fitted = None if positions is None else positions.fitted
     nothing = np.zeros(head.points, np.int64)
     image = positions.image if positions is not None else Image(grid, None, nothing, nothing, level)
     columns, gaps = columns_of(head, _XYZ if positions is not None else frozenset())
-    coded = [encode_column(_values(message, at, dtype), image) for _, at, dtype in columns]
+    coded = [encode_column(_values(message, at, dtype), image, before.columns.get((name, at, dtype)))
+             for name, at, dtype in columns]  # fmt: skip
+    before.columns = dict(zip(columns, coded, strict=True))
     _put_grid(out, grid, head)
     out.append(int(positions is not None))
-    images: dict[str, Unsigned] = {}
+    planes: dict[str, Numbers] = {}
     if grid is not None:
-        planes = _planes(grid, positions)
+        planes["range"] = np.ones(head.points, np.int64) if positions is None else positions.image.n.astype(np.int64)
         for number, one in enumerate(coded):
             if one.plane is not None and len(planes) >= _most_planes(grid):
                 coded[number] = encode_column(
@@ -173,19 +216,19 @@ def _in_columns(message: CloudMessage, kind: PlaneKind, max_error_m: float | Non
                 )
             elif one.plane is not None:
                 planes[f"c{number}"] = one.plane
-        images = _put_planes(out, planes, grid, kind)
+        _put_planes(out, planes, grid, kind)
     if positions is not None:
-        out += positions.head
+        put_sized(out, positions.data)
     for one in coded:
         out.append(one.way)
         out += one.data
     if len(gaps):
         put_bytes(out, np.ascontiguousarray(message.points[:, gaps]), level)
-    return bytes(out), images
+    return bytes(out), _Known(grid, planes, positions)
 
 
-def _from_columns(reader: VarintReader, known: dict[str, Unsigned] | None = None) -> Cloud:
-    """The message of a section behind its kind. known: its planes, for an encoder that looks whether all comes back."""
+def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
+    """The message of a section behind its kind. known: of an encoder that looks whether all else comes back."""
     reader.varint(MAX_BOUND_UM)
     head_bytes = _read_packed(reader, MAX_MESSAGE)
     head = read_head(head_bytes)
@@ -206,16 +249,22 @@ def _from_columns(reader: VarintReader, known: dict[str, Unsigned] | None = None
     found: dict[str, Numbers] = {}
     grid: Grid | None = None
     if grid_head is not None:
-        planes = _read_planes(reader, grid_head, known)
-        grid = _grid(grid_head, planes, points)
-        found = {name: plane[grid.row, grid.column].astype(np.int64) for name, plane in planes.items()}
+        coded = reader.take(reader.varint(len(reader)))
+        if known is None:
+            planes = _read_planes(coded, grid_head)
+            grid = _grid(grid_head, planes["range"] > 0, points)
+            found = {name: plane[grid.row, grid.column].astype(np.int64) for name, plane in planes.items()}
+        else:
+            grid, found = _as_known(grid_head, known, points), known.planes
     rows = np.zeros((points, head.point_step), np.uint8)
     nothing = np.zeros(points, np.int64)
     image = Image(grid, None, nothing, nothing)
     if positioned and grid is not None:
-        if not set(NAMES) <= found.keys():
-            raise SectionError("coordinates without their planes")
-        xyz, image = decode_positions(reader, grid, found)
+        data = reader.take(reader.varint(len(reader)))
+        if known is None or known.positions is None:
+            xyz, image = decode_positions(data, grid, found["range"].astype(np.uint32))
+        else:
+            xyz, image = known.positions.xyz, known.positions.image
         for name, values in zip("xyz", xyz, strict=True):
             axis = head.by_name.get(name)
             if axis is None or axis.kind != "f4":
@@ -244,15 +293,12 @@ def _with_padding(rows: npt.NDArray[np.uint8], between: bytes, head: CloudHead) 
 
 def _values(message: CloudMessage, at: int, kind: str) -> npt.NDArray[Any]:
     """(N,) values in the machine's byte order."""
-    dtype = np.dtype(kind).newbyteorder(">" if message.head.big_endian else "<")
-    raw = np.ascontiguousarray(message.points[:, at : at + dtype.itemsize])
-    return raw.view(dtype).ravel().astype(dtype.newbyteorder("="))
+    return values_at(message.points, at, np.dtype(kind).newbyteorder(">" if message.head.big_endian else "<"))
 
 
 def _put_values(rows: npt.NDArray[np.uint8], values: npt.NDArray[Any], at: int, head: CloudHead) -> None:
     dtype = values.dtype.newbyteorder(">" if head.big_endian else "<")
-    raw = np.ascontiguousarray(values.astype(dtype)).view(np.uint8).reshape(len(rows), -1)
-    rows[:, at : at + raw.shape[1]] = raw
+    np.ndarray(len(rows), dtype, rows, at, (rows.shape[1],))[:] = values
 
 
 def _put_packed(out: bytearray, data: bytes, level: int) -> None:
@@ -298,40 +344,38 @@ def _read_grid_head(reader: VarintReader, kind: int, head: CloudHead, points: in
     return Grid(rows, columns, none, none, kind == _BY_COLUMN, firing, full == 1, "")
 
 
-def _grid(head: Grid, planes: dict[str, Unsigned], points: int) -> Grid:
-    mask = np.ones((head.rows, head.columns), np.bool_) if head.full else planes["range"] > 0
+def _grid(head: Grid, returns: npt.NDArray[np.bool_], points: int) -> Grid:
+    """The grid with the places of its points. returns: (H, W), cells with a range."""
+    mask = np.ones((head.rows, head.columns), np.bool_) if head.full else returns
     if int(np.count_nonzero(mask)) != points:
         raise SectionError(f"a range image of {int(np.count_nonzero(mask))} points, not {points}")
     row, column = places_of(mask, head.firing, by_column=head.by_column)
-    return Grid(head.rows, head.columns, row, column, head.by_column, head.firing, head.full, "")
+    return replace(head, row=row, column=column)
+
+
+def _as_known(head: Grid, known: _Known, points: int) -> Grid:
+    """The grid that a decoder finds. Raises SectionError unless it is the one that is known."""
+    assert known.grid is not None
+    found = _grid(head, known.grid.mask(), points)
+    if not np.array_equal(found.row, known.grid.row) or not np.array_equal(found.column, known.grid.column):
+        raise SectionError("points that do not come in the order of their range image")
+    return found
 
 
 def _most_planes(grid: Grid) -> int:
     return min(MAX_PLANES, MAX_CELLS // (grid.rows * grid.columns))
 
 
-def _planes(grid: Grid, positions: Positions | None) -> dict[str, Numbers]:
-    if positions is not None:
-        return dict(positions.planes)
-    return {"range": np.ones(len(grid.row), np.int64)}
-
-
-def _put_planes(out: bytearray, planes: dict[str, Numbers], grid: Grid, kind: PlaneKind) -> dict[str, Unsigned]:
+def _put_planes(out: bytearray, planes: dict[str, Numbers], grid: Grid, kind: PlaneKind) -> None:
     forms: list[Plane] = []
     images: dict[str, Unsigned] = {}
     for name, numbers in planes.items():
         form, images[name] = plane_of(name, numbers, grid, "range" if name == "range" else "attribute")
         forms.append(form)
-    section = encode_plane_section(kind, forms, images, np.zeros(grid.rows, np.int32), 1)
-    put_varint(out, len(section))
-    out += section
-    return images
+    put_sized(out, encode_plane_section(kind, forms, images, np.zeros(grid.rows, np.int32), 1))
 
 
-def _read_planes(reader: VarintReader, grid: Grid, known: dict[str, Unsigned] | None) -> dict[str, Unsigned]:
-    coded = reader.take(reader.varint(len(reader)))
-    if known is not None:
-        return known
+def _read_planes(coded: bytes, grid: Grid) -> dict[str, Unsigned]:
     planes = decode_plane_section(coded, grid.columns)
     if planes["range"].shape != (grid.rows, grid.columns):
         raise SectionError(f"planes of {planes['range'].shape} of a cloud of {grid.rows} x {grid.columns}")

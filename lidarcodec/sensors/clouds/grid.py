@@ -11,12 +11,13 @@ A cloud of none of these has no range image. No two points share a cell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.sensors.clouds.message import CloudMessage
 from lidarcodec.units import MAX_COLUMNS
 
@@ -28,6 +29,22 @@ MAX_CELLS: Final = 1 << 20
 """Most cells of an image: as many as 128 rows of 8,192 columns."""
 RING_FIELDS: Final = ("ring", "channel", "laser_id", "line")
 _TURN: Final = 2 * np.pi
+_DENSER: Final = 1.02
+_MORE_COLUMNS: Final = 8
+"""By how much more columns than before show that the order has changed."""
+
+
+@dataclass(frozen=True, eq=False)
+class FiringOrder:
+    """How points come column by column. firing: (H,) rings in the order in which they fire; turned: (H,) direction of
+    each, radians; jump: radians: a point as far from the one before begins a column; points, columns: that were found
+    """
+
+    firing: Numbers
+    turned: Floats
+    jump: float
+    points: int
+    columns: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +54,7 @@ class Grid:
     by_column: whether points come column by column, the rows of each in the order of `firing`, (H,); else row by row
     full: whether each cell has a point
     of_field: name of the field that is the row; empty if there is none
+    order: how columns were told apart, of points that come column by column
     """
 
     rows: int
@@ -47,6 +65,12 @@ class Grid:
     firing: Numbers
     full: bool
     of_field: str
+    order: FiringOrder | None = None
+
+    @property
+    def cells(self) -> tuple[int, int, Numbers, Numbers]:
+        """As the native core takes it."""
+        return self.rows, self.columns, self.row, self.column
 
     def image(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """(H, W) of a value a point; 0 where there is none."""
@@ -64,34 +88,74 @@ class Grid:
 def places_of(mask: npt.NDArray[np.bool_], firing: Numbers, *, by_column: bool) -> tuple[Numbers, Numbers]:
     """Row and column of each point, in the order of the points."""
     if not by_column:
-        row, column = np.nonzero(mask)
+        row, column = np.divmod(np.flatnonzero(mask), mask.shape[1])
         return row, column
-    column, rank = np.nonzero(mask[firing].T)
+    column, rank = np.divmod(np.flatnonzero(np.ascontiguousarray(mask.T)[:, firing]), mask.shape[0])
     return firing[rank], column
 
 
-def grid_of(message: CloudMessage) -> Grid | None:
-    """The grid of a message; None if its points have no such order."""
+def grid_of(message: CloudMessage, before: Grid | None = None) -> Grid | None:
+    """The grid of a message; None if its points have no such order. before: of the message before it in a stream."""
     head = message.head
     if not head.points:
         return None
     if 1 < head.height <= MAX_ROWS and head.width <= MAX_COLUMNS and head.points <= MAX_CELLS:
         row, column = np.divmod(np.arange(head.points), head.width)
         return Grid(head.height, head.width, row, column, False, np.arange(head.height), True, "")
-    if message.xyz is None or not message.returns.any():
+    if not message.returns.any():
         return None
-    azimuth = _azimuth(message)
+    azimuth: Floats | None = None
     for name in RING_FIELDS:
         rings = message.values(name)
         if rings is not None and rings.dtype.kind in "ui" and int(rings.min()) >= 0 and int(rings.max()) < MAX_ROWS:
-            found = _by_rings(rings.astype(np.int64), azimuth, name)
+            rings = rings.astype(np.int64)
+            found = None if before is None or before.of_field != name else _as_before(message, rings, before)
+            if found is None:
+                azimuth = _azimuth(message) if azimuth is None else azimuth
+                found = _by_rings(message, rings, azimuth, name)
             if found is not None:
                 return found
+    azimuth = _azimuth(message) if azimuth is None else azimuth
     turns = _by_turns(azimuth)
     if turns is not None:
         return turns
     lines = _lines(message)
-    return None if lines is None else _by_rings(lines, azimuth, "")
+    return None if lines is None else _by_rings(message, lines, azimuth, "")
+
+
+class GridFinder:
+    """Finds the grids of the messages of a stream."""
+
+    def __init__(self) -> None:
+        self._last: Grid | None = None
+
+    def find(self, message: CloudMessage) -> Grid | None:
+        """The grid of the next message; None if its points have no order."""
+        self._last = grid_of(message, self._last)
+        return self._last
+
+
+def _as_before(message: CloudMessage, rings: Numbers, before: Grid) -> Grid | None:
+    """The grid by the order of the one before; None if that needs many more columns."""
+    order = before.order
+    if order is None or int(rings.max()) >= before.rows:
+        return None
+    found = _ordered(message, rings, order, before.of_field)
+    if found is None or found.columns > _DENSER * order.columns * len(rings) / order.points + _MORE_COLUMNS:
+        return None
+    return found
+
+
+def _ordered(message: CloudMessage, rings: Numbers, order: FiringOrder, name: str) -> Grid | None:
+    """The grid of points that come in an order; None if it has too many columns."""
+    x, y = (np.asarray(message.values(axis)).astype(np.float32, copy=False) for axis in "xy")
+    rank = np.argsort(order.firing)
+    with np.errstate(over="ignore"):
+        column = _native.columns_of_firing(rank, order.turned, order.jump, rings, x, y, message.returns.view(np.uint8))
+    rows, columns = len(order.firing), int(column[-1]) + 1
+    if columns > MAX_COLUMNS or rows * columns > max(8 * len(rings), 4096) or rows * columns > MAX_CELLS:
+        return None
+    return Grid(rows, columns, rings, column, True, order.firing, len(rings) == rows * columns, name, order)
 
 
 def _azimuth(message: CloudMessage) -> Floats:
@@ -110,7 +174,7 @@ def _wrapped(angle: Floats) -> Floats:
     return found
 
 
-def _by_rings(rings: Numbers, azimuth: Floats, name: str) -> Grid | None:
+def _by_rings(message: CloudMessage, rings: Numbers, azimuth: Floats, name: str) -> Grid | None:
     """Points that come column by column, or, where that needs too many columns, row by row."""
     rows = int(rings.max()) + 1
     if len(rings) > 1 and np.mean(np.diff(rings) == 0) > 0.5:
@@ -119,31 +183,31 @@ def _by_rings(rings: Numbers, azimuth: Floats, name: str) -> Grid | None:
     rank = np.argsort(firing)[rings]
     anew = np.ones(len(rings), np.bool_)
     anew[1:] = rank[1:] <= rank[:-1]
-    begins, offset = anew, np.zeros(rows)
+    begins, offset, jump = anew, np.zeros(rows), np.inf
     for _ in range(3):  # rings look in different directions: learn by how much, then cut where the direction jumps
         for _ in range(2):
             level = azimuth - offset[rings]
             turned = _wrapped(level - level[begins][np.cumsum(begins) - 1])
             offset += _medians(turned, rings, rows)
-        begins = anew | _jumps(azimuth - offset[rings], anew)
-    column = np.cumsum(begins) - 1
-    columns = int(column[-1]) + 1
-    if columns > MAX_COLUMNS or rows * columns > max(8 * len(rings), 4096) or rows * columns > MAX_CELLS:
-        return None
-    return Grid(rows, columns, rings, column, True, firing, len(rings) == rows * columns, name)
+        steps = np.abs(_wrapped(np.diff(azimuth - offset[rings], prepend=azimuth[:1] - offset[rings[:1]])))
+        jump = _jump(steps, anew)
+        begins = anew | (steps > jump)
+    found = _ordered(message, rings, FiringOrder(firing, offset, jump, len(rings), int(np.count_nonzero(begins))), name)
+    if found is None or found.order is None:
+        return found
+    return replace(found, order=replace(found.order, columns=found.columns))
 
 
-def _jumps(level: Floats, anew: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """(N,) bool, points whose direction differs from that of the point before by more than half a column.
+def _jump(steps: Floats, anew: npt.NDArray[np.bool_]) -> float:
+    """Radians from which on a point is in another direction than the one before: more than half a column.
 
-    level: directions less that of their ring; anew: where the firing order begins anew
+    steps: (N,) radians from the point before; anew: where the firing order begins anew
     """
-    steps = np.abs(_wrapped(np.diff(level, prepend=level[:1])))
     between = steps[anew][1:]
-    jumps: npt.NDArray[np.bool_] = steps > max(0.6 * float(np.median(between)) if len(between) else np.inf, 1e-4)
-    jumps &= ~anew  # lasers beside the axis look in directions that depend on the range: then these are no jumps
-    few = np.count_nonzero(jumps) < 0.3 * np.count_nonzero(anew)
-    return jumps if few else np.zeros(len(level), np.bool_)
+    jump = max(0.6 * float(np.median(between)) if len(between) else np.inf, 1e-4)
+    jumps = np.count_nonzero(steps[~anew] > jump)
+    # Lasers beside the axis look in directions that depend on the range: then these are no jumps.
+    return jump if jumps < 0.3 * np.count_nonzero(anew) else np.inf
 
 
 def _medians(values: Floats, rings: Numbers, rows: int) -> Floats:

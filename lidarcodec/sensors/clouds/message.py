@@ -170,10 +170,16 @@ class CloudMessage:
     between: npt.NDArray[np.uint8]
     tail: bytes
 
+    @cached_property
+    def _found(self) -> dict[str, npt.NDArray[Any] | None]:
+        return {}
+
     def values(self, name: str) -> npt.NDArray[Any] | None:
         """(N,) values of the field of that name in the machine's byte order; None if there is none of one value."""
-        field = self.head.by_name.get(name)
-        return None if field is None else column_of(self.points, self.head, field)
+        if name not in self._found:
+            field = self.head.by_name.get(name)
+            self._found[name] = None if field is None else column_of(self.points, self.head, field)
+        return self._found[name]
 
     @cached_property
     def xyz(self) -> npt.NDArray[np.float64] | None:
@@ -188,20 +194,27 @@ class CloudMessage:
     @cached_property
     def returns(self) -> npt.NDArray[np.bool_]:
         """(N,) bool, points with finite x, y and z that are not all 0, and within 1,000 km."""
-        if self.xyz is None:
+        axes = [self.values(name) for name in "xyz"]
+        if any(axis is None or axis.dtype.kind != "f" for axis in axes):
             return np.zeros(self.head.points, np.bool_)
+        x, y, z = (np.asarray(axis) for axis in axes)
         with np.errstate(invalid="ignore"):
-            near = (np.abs(self.xyz) < 1e6).all(axis=0)
-        found: npt.NDArray[np.bool_] = near & (self.xyz != 0).any(axis=0)
+            near = (np.abs(x) < 1e6) & (np.abs(y) < 1e6) & (np.abs(z) < 1e6)
+        found: npt.NDArray[np.bool_] = near & ((x != 0) | (y != 0) | (z != 0))
         return found
 
 
 def column_of(points: npt.NDArray[np.uint8], head: CloudHead, field: CloudField) -> npt.NDArray[Any]:
     """(N,) values of a field in the machine's byte order."""
-    dtype = head.dtype_of(field)
-    raw = np.ascontiguousarray(points[:, field.offset : field.offset + dtype.itemsize])
-    found: npt.NDArray[Any] = raw.view(dtype).ravel().astype(dtype.newbyteorder("="))
-    return found
+    return values_at(points, field.offset, head.dtype_of(field))
+
+
+def values_at(points: npt.NDArray[np.uint8], at: int, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """(N,) values in the machine's byte order, of C-contiguous (N, step) bytes: those from byte `at` of each row on."""
+    if not len(points):
+        return np.zeros(0, dtype.newbyteorder("="))
+    view: npt.NDArray[Any] = np.ndarray(len(points), dtype, points, at, (points.shape[1],))
+    return view.astype(dtype.newbyteorder("="))
 
 
 def read_message(payload: bytes) -> CloudMessage:
@@ -217,5 +230,5 @@ def read_message(payload: bytes) -> CloudMessage:
     data = np.frombuffer(payload, np.uint8, head.data_bytes, head.size)
     rows = data.reshape(head.height, -1) if head.data_bytes else np.zeros((head.height, 0), np.uint8)
     used = head.width * head.point_step if head.data_bytes else 0
-    points = rows[:, :used].reshape(-1, head.point_step)
+    points = np.ascontiguousarray(rows[:, :used]).reshape(-1, head.point_step)
     return CloudMessage(payload, head, points, rows[:, used:], payload[end:])

@@ -16,8 +16,12 @@ def intensity_of(message: CloudMessage) -> npt.NDArray[np.uint8] | npt.NDArray[n
     found = next((v for name in ("intensity", "reflectivity", "i") if (v := message.values(name)) is not None), None)
     if found is None or not len(found):
         return np.zeros(message.head.points, np.uint8)
+    if found.dtype == np.uint8:
+        return found
     with np.errstate(invalid="ignore"):
-        values = np.nan_to_num(found.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        values = found.astype(np.float64)
+        if found.dtype.kind == "f" and not np.isfinite(values).all():
+            values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
     most = float(values.max())
     if found.dtype.kind == "f" and 0 < most <= 1.0 and (values != np.rint(values)).any():
         values = values * 255.0

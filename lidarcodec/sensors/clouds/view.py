@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from lidarcodec.sensors.clouds.grid import MAX_CELLS, Grid, Numbers, grid_of
 from lidarcodec.sensors.clouds.message import MAX_POINTS, CloudMessage
 from lidarcodec.units import MAX_COLUMNS
 
+_LOOKED_AT: Final = 8192
 COLUMNS: Final = 2048
 """Columns of a turn, for points that are in no order."""
 
@@ -33,14 +35,14 @@ class View:
         return found
 
 
-def view_of(message: CloudMessage, rows: int, grid: Grid | None = None) -> View | None:
+def view_of(message: CloudMessage, rows: int, find: Callable[[CloudMessage], Grid | None] = grid_of) -> View | None:
     """The view of a message; None for one without x, y and z, or of more than two million points.
 
-    rows: of the sensor; points beyond them are not shown. grid: of the message, if it is known
+    rows: of the sensor; points beyond them are not shown. find: gives the grid of the message
     """
     if not 0 < message.head.points <= MAX_POINTS or message.xyz is None:
         return None
-    grid = grid_of(message) if grid is None else grid
+    grid = find(message)
     if grid is None:
         return _by_angles(message, rows)
     row = grid.row
@@ -57,11 +59,14 @@ def _elevation(message: CloudMessage) -> npt.NDArray[np.float64]:
 
 
 def _rises(message: CloudMessage, grid: Grid) -> bool:
-    """Whether higher rows of a grid look higher."""
-    elevation = _elevation(message)[message.returns]
-    row = grid.row[message.returns].astype(np.float64)
-    if len(row) < 2:
+    """Whether higher rows of a grid look higher, by some of the points."""
+    returned = np.flatnonzero(message.returns)
+    if len(returned) < 2:
         return False
+    some = returned[:: max(1, len(returned) // _LOOKED_AT)]
+    x, y, z = (np.asarray(message.values(name))[some].astype(np.float64) for name in "xyz")
+    elevation = np.arctan2(z, np.hypot(x, y))
+    row = grid.row[some].astype(np.float64)
     return float(((row - row.mean()) * (elevation - elevation.mean())).sum()) > 0
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarcodec.errors import CalibrationError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
+from lidarcodec.image_frame import column_azimuths
 from lidarcodec.sensors.clouds.message import read_message
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.sensors.clouds.view import view_of
@@ -81,8 +82,7 @@ def _of_points(frame: Frame) -> RingGeometry | None:
     view = view_of(message, rows)
     if view is None:
         return None
-    column = np.clip(view.column, 0, frame.width - 1)[message.returns]
-    azimuth = np.radians(frame.azimuth[0, column] * 0.01)
+    azimuth = np.radians(column_azimuths(message, view)[view.column[message.returns]] * 0.01)
     beta = np.arctan2(-cloud["y"], cloud["x"])
     turned = np.bincount(cloud["ring"], np.cos(azimuth - beta), rows) + 1j * np.bincount(
         cloud["ring"], np.sin(azimuth - beta), rows
