@@ -446,7 +446,8 @@ def encode_points(
     k: NDArray[numpy.int32] | None,
     none: NDArray[numpy.uint32] | None,
     bound_m: float,
-) -> tuple[bytes, NDArray[numpy.uint8], NDArray[numpy.uint32], NDArray[numpy.int32], float]: ...
+    by_column: bool,
+) -> tuple[bytes, NDArray[numpy.uint8], NDArray[numpy.uint32], NDArray[numpy.int32], float, bool]: ...
 def decode_points(
     data: bytes,
     cells: tuple[int, int, NDArray[numpy.int64], NDArray[numpy.int64]],
@@ -481,6 +482,12 @@ def decode_times(
     by_column: NDArray[numpy.int64],
     by_row: NDArray[numpy.int64],
 ) -> NDArray[numpy.float32]: ...
+def message_of_points(
+    head: bytes, tail: bytes, points: int, step: int, big_endian: bool, fields: list[tuple[int, object]]
+) -> bytes: ...
+def points_of_images(
+    order: tuple[int, int, bool, NDArray[numpy.int64]], full: bool, images: list[object]
+) -> tuple[NDArray[numpy.int64], NDArray[numpy.int64], list[NDArray[numpy.uint32]]]: ...
 def columns_of_firing(
     rank: NDArray[numpy.int64],
     turned: NDArray[numpy.float64],

@@ -17,9 +17,16 @@ from lidarcodec.planes.clouds.columns import WIDEST, Image, Values, Way, angles_
 from lidarcodec.planes.clouds.geometry import ANGLES, Numbers, from_ordered, ordered
 from lidarcodec.sensors.clouds.grid import Grid
 
+Plane = npt.NDArray[np.uint32]
+
 
 def decode_column(
-    way: int, reader: VarintReader, dtype: np.dtype[Any], points: int, image: Image, plane: Numbers | None
+    way: int,
+    reader: VarintReader,
+    dtype: np.dtype[Any],
+    points: int,
+    image: Image,
+    plane: npt.NDArray[np.uint32] | None,
 ) -> Values:
     """The inverse of `encode_column`. plane: (N,) numbers of its plane, if it has one.
 
@@ -51,7 +58,7 @@ def decode_column(
         by_column, by_row = _read_sums(reader, grid)
         return from_numbers(_native.decode_sums(_left(reader), grid.cells, by_column, by_row) + base, dtype)
     if way == Way.PLANE and plane is not None:
-        return from_numbers(plane, dtype)
+        return from_numbers(plane.astype(np.int64), dtype)
     if dtype != np.float32:
         raise SectionError(f"a column of {dtype} coded in the way {way}")
     if way == Way.WHOLE and plane is not None:

@@ -76,6 +76,7 @@ class Fitted:
     bits: that a point took, roughly, when the fit was made; apart: part of the points that were apart
     step_m: of ranges that the message has beside its coordinates; None if it has none
     bound_m: of the error; useless: how many times in a row a new fit was no better
+    by_column: whether directions are told well by columns
     """
 
     geometry: Geometry
@@ -86,6 +87,7 @@ class Fitted:
     step_m: float | None
     bound_m: float | None
     useless: int = 0
+    by_column: bool = False
 
 
 class _Coded(NamedTuple):
@@ -94,6 +96,7 @@ class _Coded(NamedTuple):
     n: npt.NDArray[np.uint32]
     k: npt.NDArray[np.int32]
     bits: float
+    by_column: bool
 
     @property
     def apart(self) -> float:
@@ -126,25 +129,26 @@ def encode_positions(
     none = _none_of(xyz, there) if grid.full else None
     known = _known(message, there, None if before is None else before.step_m)
 
-    def coded(geometry: Geometry, left: Left, unit: float, k: npt.NDArray[np.int32] | None = None) -> _Coded:
+    def coded(fitted: Fitted) -> _Coded:
         n = None if known is None else known.n
-        native = geometry.native(left, unit)
+        native, bound_m = fitted.geometry.native(fitted.left, fitted.unit), max_error_m or 0.0
+        returned = there.view(np.uint8)
         return _Coded(
-            *_native.encode_points(xyz, there.view(np.uint8), grid.cells, native, n, k, none, max_error_m or 0.0)
+            *_native.encode_points(xyz, returned, grid.cells, native, n, None, none, bound_m, fitted.by_column)
         )
 
     found: _Coded | None = None
     kept = before if before is not None and _fits(before, grid, known, max_error_m) else None
     if kept is not None:
-        found = coded(kept.geometry, kept.left, kept.unit)
+        found = coded(kept)
         patience = 1 << min(kept.useless, 6)
         worst = kept.bits * (1 + (_WORSE - 1) * patience) + _MORE_BITS * patience
         if found.bits <= worst and found.apart <= kept.apart + 0.01 * patience:
             return _positions(found, xyz, grid, kept, none, level)
     fresh = _fitted(message, grid, xyz[:, there].astype(np.float64), known, max_error_m)
-    other = coded(fresh.geometry, fresh.left, fresh.unit)
+    other = coded(fresh)
     if kept is None or found is None or other.bits + 32 * other.apart < found.bits + 32 * found.apart:
-        found, kept = other, replace(fresh, bits=other.bits, apart=other.apart)
+        found, kept = other, replace(fresh, bits=other.bits, apart=other.apart, by_column=other.by_column)
     else:
         kept = replace(kept, bits=found.bits, apart=found.apart, useless=kept.useless + 1)
     return None if found.apart > _MOST_APART else _positions(found, xyz, grid, kept, none, level)

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.entropy.varint import VarintReader, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
@@ -30,7 +31,7 @@ from lidarcodec.planes.clouds.columns import (
 from lidarcodec.planes.clouds.positions import Fitted, Positions, decode_positions, encode_positions
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
 from lidarcodec.sensors.clouds.grid import MAX_CELLS as MAX_GRID
-from lidarcodec.sensors.clouds.grid import MAX_ROWS, Grid, GridFinder, places_of
+from lidarcodec.sensors.clouds.grid import MAX_ROWS, Grid, GridFinder
 from lidarcodec.sensors.clouds.message import (
     MAX_MESSAGE,
     MAX_POINTS,
@@ -178,7 +179,7 @@ class _Known(NamedTuple):
     coordinates as they were. What comes back of these is known when they are coded (native/src/clouds)."""
 
     grid: Grid | None
-    planes: dict[str, Numbers]
+    planes: dict[str, npt.NDArray[np.uint32]]
     positions: Positions | None
 
 
@@ -224,15 +225,78 @@ def _in_columns(
         out += one.data
     if len(gaps):
         put_bytes(out, np.ascontiguousarray(message.points[:, gaps]), level)
-    return bytes(out), _Known(grid, planes, positions)
+    return bytes(out), _Known(grid, {name: part.astype(np.uint32) for name, part in planes.items()}, positions)
 
 
 def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
     """The message of a section behind its kind. known: of an encoder that looks whether all else comes back."""
     reader.varint(MAX_BOUND_UM)
-    head_bytes = _read_packed(reader, MAX_MESSAGE)
-    head = read_head(head_bytes)
-    if head.size != len(head_bytes) or not head.regular or head.size + head.data_bytes > MAX_MESSAGE:
+    around = _read_around(reader)
+    head, points = around.head, around.head.points
+    kind = reader.byte()
+    grid_head = _read_grid_head(reader, kind, head, points)
+    positioned = reader.byte()
+    if positioned > 1 or (positioned and kind == _NO_GRID):
+        raise SectionError("coordinates by a range image that is not there")
+    found: dict[str, npt.NDArray[np.uint32]] = {}
+    grid: Grid | None = None
+    if grid_head is not None:
+        coded = reader.take(reader.varint(len(reader)))
+        if known is None:
+            grid, found = _at_points(grid_head, _read_planes(coded, grid_head), points)
+        else:
+            grid, found = _as_known(grid_head, known, points), known.planes
+    fields: list[tuple[int, object]] = []
+    nothing = np.zeros(points, np.int64)
+    image = Image(grid, None, nothing, nothing)
+    if positioned and grid is not None:
+        data = reader.take(reader.varint(len(reader)))
+        if known is None or known.positions is None:
+            xyz, image = decode_positions(data, grid, found["range"])
+        else:
+            xyz, image = known.positions.xyz, known.positions.image
+        for name, values in zip("xyz", xyz, strict=True):
+            axis = head.by_name.get(name)
+            if axis is None or axis.kind != "f4":
+                raise SectionError(f"coordinates in a cloud without a float32 {name}")
+            fields.append((axis.offset, values))
+    columns, gaps = columns_of(head, _XYZ if positioned else frozenset())
+    for number, (_, at, dtype) in enumerate(columns):
+        way = reader.byte()
+        plane = found.get(f"c{number}")
+        if way in WITH_PLANE and plane is None:
+            raise SectionError(f"column {number} of a cloud without its plane")
+        fields.append((at, decode_column(way, reader, np.dtype(dtype), points, image, plane)))
+    if len(gaps):
+        others = read_bytes(reader, points, len(gaps)).T
+        fields += zip(gaps.tolist(), map(np.ascontiguousarray, others), strict=True)
+    reader.end()
+    return Cloud(around.message(fields), grid)
+
+
+class _Around(NamedTuple):
+    """What a message has around its points: the bytes before them, behind each row of them, and behind all."""
+
+    before: bytes
+    head: CloudHead
+    between: bytes
+    tail: bytes
+
+    def message(self, fields: list[tuple[int, object]]) -> bytes:
+        """The message with these points: the first byte of each field, and its values, (N,)."""
+        head, whole = self.head, not self.between
+        ends = (self.before, self.tail) if whole else (b"", b"")
+        points = _native.message_of_points(*ends, head.points, head.point_step, head.big_endian, fields)
+        if whole:
+            return points
+        rows, padding = (np.frombuffer(part, np.uint8).reshape(head.height, -1) for part in (points, self.between))
+        return self.before + np.concatenate((rows, padding), axis=1).tobytes() + self.tail
+
+
+def _read_around(reader: VarintReader) -> _Around:
+    before = _read_packed(reader, MAX_MESSAGE)
+    head = read_head(before)
+    if head.size != len(before) or not head.regular or head.size + head.data_bytes > MAX_MESSAGE:
         raise SectionError("the head of a cloud that is none, or whose points do not lie as it says")
     points = head.points
     if not 0 < points <= MAX_POINTS or points * head.point_step > head.data_bytes:
@@ -241,64 +305,12 @@ def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
     tail = _read_packed(reader, MAX_MESSAGE - head.size - head.data_bytes)
     if len(between) != head.data_bytes - points * head.point_step:
         raise SectionError("rows of a cloud that are not as long as their step")
-    kind = reader.byte()
-    grid_head = _read_grid_head(reader, kind, head, points)
-    positioned = reader.byte()
-    if positioned > 1 or (positioned and kind == _NO_GRID):
-        raise SectionError("coordinates by a range image that is not there")
-    found: dict[str, Numbers] = {}
-    grid: Grid | None = None
-    if grid_head is not None:
-        coded = reader.take(reader.varint(len(reader)))
-        if known is None:
-            planes = _read_planes(coded, grid_head)
-            grid = _grid(grid_head, planes["range"] > 0, points)
-            found = {name: plane[grid.row, grid.column].astype(np.int64) for name, plane in planes.items()}
-        else:
-            grid, found = _as_known(grid_head, known, points), known.planes
-    rows = np.zeros((points, head.point_step), np.uint8)
-    nothing = np.zeros(points, np.int64)
-    image = Image(grid, None, nothing, nothing)
-    if positioned and grid is not None:
-        data = reader.take(reader.varint(len(reader)))
-        if known is None or known.positions is None:
-            xyz, image = decode_positions(data, grid, found["range"].astype(np.uint32))
-        else:
-            xyz, image = known.positions.xyz, known.positions.image
-        for name, values in zip("xyz", xyz, strict=True):
-            axis = head.by_name.get(name)
-            if axis is None or axis.kind != "f4":
-                raise SectionError(f"coordinates in a cloud without a float32 {name}")
-            _put_values(rows, values, axis.offset, head)
-    columns, gaps = columns_of(head, _XYZ if positioned else frozenset())
-    for number, (_, at, dtype) in enumerate(columns):
-        way = reader.byte()
-        plane = found.get(f"c{number}")
-        if way in WITH_PLANE and plane is None:
-            raise SectionError(f"column {number} of a cloud without its plane")
-        _put_values(rows, decode_column(way, reader, np.dtype(dtype), points, image, plane), at, head)
-    if len(gaps):
-        rows[:, gaps] = read_bytes(reader, points, len(gaps))
-    reader.end()
-    return Cloud(head_bytes + _with_padding(rows, between, head) + tail, grid)
-
-
-def _with_padding(rows: npt.NDArray[np.uint8], between: bytes, head: CloudHead) -> bytes:
-    """The points with the bytes behind each row of them."""
-    if not between:
-        return rows.tobytes()
-    padding = np.frombuffer(between, np.uint8).reshape(head.height, -1)
-    return np.concatenate((rows.reshape(head.height, -1), padding), axis=1).tobytes()
+    return _Around(before, head, between, tail)
 
 
 def _values(message: CloudMessage, at: int, kind: str) -> npt.NDArray[Any]:
     """(N,) values in the machine's byte order."""
     return values_at(message.points, at, np.dtype(kind).newbyteorder(">" if message.head.big_endian else "<"))
-
-
-def _put_values(rows: npt.NDArray[np.uint8], values: npt.NDArray[Any], at: int, head: CloudHead) -> None:
-    dtype = values.dtype.newbyteorder(">" if head.big_endian else "<")
-    np.ndarray(len(rows), dtype, rows, at, (rows.shape[1],))[:] = values
 
 
 def _put_packed(out: bytearray, data: bytes, level: int) -> None:
@@ -344,19 +356,20 @@ def _read_grid_head(reader: VarintReader, kind: int, head: CloudHead, points: in
     return Grid(rows, columns, none, none, kind == _BY_COLUMN, firing, full == 1, "")
 
 
-def _grid(head: Grid, returns: npt.NDArray[np.bool_], points: int) -> Grid:
-    """The grid with the places of its points. returns: (H, W), cells with a range."""
-    mask = np.ones((head.rows, head.columns), np.bool_) if head.full else returns
-    if int(np.count_nonzero(mask)) != points:
-        raise SectionError(f"a range image of {int(np.count_nonzero(mask))} points, not {points}")
-    row, column = places_of(mask, head.firing, by_column=head.by_column)
-    return replace(head, row=row, column=column)
+def _at_points(head: Grid, planes: dict[str, Unsigned], points: int) -> tuple[Grid, dict[str, npt.NDArray[np.uint32]]]:
+    """The grid with the places of its points, and the numbers of planes at the points."""
+    images: list[object] = list(planes.values())
+    order = head.rows, head.columns, head.by_column, head.firing
+    row, column, numbers = _native.points_of_images(order, head.full, images)
+    if len(row) != points:
+        raise SectionError(f"a range image of {len(row)} points, not {points}")
+    return replace(head, row=row, column=column), dict(zip(planes, numbers, strict=True))
 
 
 def _as_known(head: Grid, known: _Known, points: int) -> Grid:
     """The grid that a decoder finds. Raises SectionError unless it is the one that is known."""
     assert known.grid is not None
-    found = _grid(head, known.grid.mask(), points)
+    found, _ = _at_points(head, {"range": known.grid.mask().view(np.uint8)}, points)
     if not np.array_equal(found.row, known.grid.row) or not np.array_equal(found.column, known.grid.column):
         raise SectionError("points that do not come in the order of their range image")
     return found

@@ -1,9 +1,11 @@
 #include <nanobind/stl/optional.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "bindings.hpp"
 #include "clouds/columns.hpp"
+#include "clouds/points.hpp"
 
 namespace {
 
@@ -53,12 +55,12 @@ struct Geometry {
   }
 };
 
-using Coded = Tuple<nb::bytes, Array<std::uint8_t>, Array<std::uint32_t>, Array<std::int32_t>, double>;
+using Coded = Tuple<nb::bytes, Array<std::uint8_t>, Array<std::uint32_t>, Array<std::int32_t>, double, bool>;
 
 Coded encode(const In<float, 2>& xyz, const In<std::uint8_t, 1>& returned, const GivenCells& given_cells,
              const GivenGeometry& given_geometry, const std::optional<In<std::uint32_t, 1>>& n,
              const std::optional<In<std::int32_t, 1>>& k, const std::optional<In<std::uint32_t, 1>>& none,
-             double bound_m) {
+             double bound_m, bool by_column) {
   const Cells cells(given_cells);
   const Geometry geometry(given_geometry);
   const std::size_t points = xyz.shape(1);
@@ -71,6 +73,7 @@ Coded encode(const In<float, 2>& xyz, const In<std::uint8_t, 1>& returned, const
   if (k) given.k = span_of(*k);
   if (none) given.none = {none->data()[0], none->data()[1], none->data()[2]};
   given.bound_m = bound_m;
+  given.by_column = by_column;
   CodedPositions coded;
   std::vector<std::uint8_t> states;
   {
@@ -79,7 +82,8 @@ Coded encode(const In<float, 2>& xyz, const In<std::uint8_t, 1>& returned, const
     for (const PointState state : coded.states) states.push_back(static_cast<std::uint8_t>(state));
   }
   return Coded(nb::make_tuple(give_bytes(coded.bytes), give(std::move(states), {points}),
-                              give(std::move(coded.n), {points}), give(std::move(coded.k), {points}), coded.bits));
+                              give(std::move(coded.n), {points}), give(std::move(coded.k), {points}), coded.bits,
+                              coded.by_column));
 }
 
 Tuple<Array<float>, Array<std::int32_t>> decode(const nb::bytes& data, const GivenCells& given_cells,
@@ -129,14 +133,112 @@ Array<T> decode_sums(const nb::bytes& left, const GivenCells& given, const In<st
   return give(std::move(values), {points});
 }
 
+// first byte in a point, and N values
+using GivenField = nb::typed<nb::tuple, nb::int_, nb::object>;
+using AnyValues = nb::ndarray<nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+nb::bytes message_of(const nb::bytes& head, const nb::bytes& tail, std::size_t points, std::size_t step,
+                     bool big_endian, const List<GivenField>& given) {
+  constexpr std::size_t kMost = std::size_t{1} << 26;
+  if (step > kMost || points > kMost || step * points > kMost)
+    throw Error(ErrorCode::Section, "points of more bytes than a message may have");
+  std::vector<AnyValues> arrays;
+  std::vector<PointField> fields;
+  for (const nb::handle each : given) {
+    const auto field = nb::cast<nb::tuple>(each);
+    const auto at = nb::cast<std::size_t>(field[0]);
+    arrays.push_back(nb::cast<AnyValues>(field[1], false));
+    const AnyValues& values = arrays.back();
+    const std::size_t bytes = values.itemsize();
+    if (values.size() != points || at > step || bytes > step - at)
+      throw Error(ErrorCode::Section, "a field that does not lie within its point, or not of each");
+    fields.push_back({static_cast<const std::uint8_t*>(values.data()), bytes, at});
+  }
+  const std::size_t size = points * step;
+  nb::bytes made = nb::steal<nb::bytes>(
+      PyBytes_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(head.size() + size + tail.size())));
+  if (!made.is_valid()) nb::raise_python_error();
+  auto* const out = reinterpret_cast<std::uint8_t*>(PyBytes_AsString(made.ptr()));
+  const std::uint8_t *const before = data_of(head), *const behind = data_of(tail);
+  const std::size_t head_bytes = head.size(), tail_bytes = tail.size();
+  {
+    nb::gil_scoped_release release;
+    std::copy_n(before, head_bytes, out);
+    std::fill_n(out + head_bytes, size, std::uint8_t{0});
+    put_fields(fields, points, step, big_endian, out + head_bytes);
+    std::copy_n(behind, tail_bytes, out + head_bytes + size);
+  }
+  return made;
+}
+
+using Order = nb::typed<nb::tuple, nb::int_, nb::int_, nb::bool_, Array<std::int64_t>>;
+using AnyImage = nb::ndarray<nb::ro, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+std::vector<std::uint32_t> numbers_at(const PointCells& cells, std::size_t columns, const AnyImage& image) {
+  if (image.dtype() == nb::dtype<std::uint8_t>())
+    return at_points(cells, columns, static_cast<const std::uint8_t*>(image.data()));
+  if (image.dtype() == nb::dtype<std::uint16_t>())
+    return at_points(cells, columns, static_cast<const std::uint16_t*>(image.data()));
+  return at_points(cells, columns, static_cast<const std::uint32_t*>(image.data()));
+}
+
+Tuple<Array<std::int64_t>, Array<std::int64_t>, List<Array<std::uint32_t>>> points_of_images(
+    const Order& given, bool full, const List<nb::object>& images) {
+  PointOrder order;
+  order.rows = nb::cast<std::size_t>(given[0]);
+  order.columns = nb::cast<std::size_t>(given[1]);
+  order.by_column = nb::cast<bool>(given[2]);
+  const auto firing = nb::cast<In<std::int64_t, 1>>(given[3], false);
+  order.firing = span_of(firing);
+  std::vector<AnyImage> planes;
+  for (const nb::handle each : images) {
+    planes.push_back(nb::cast<AnyImage>(each, false));
+    const AnyImage& plane = planes.back();
+    const bool known = plane.dtype() == nb::dtype<std::uint8_t>() || plane.dtype() == nb::dtype<std::uint16_t>() ||
+                       plane.dtype() == nb::dtype<std::uint32_t>();
+    if (!known || plane.shape(0) != order.rows || plane.shape(1) != order.columns)
+      throw Error(ErrorCode::Section, "images that are not of one shape, or not of whole numbers");
+  }
+  const bool fires = std::all_of(order.firing.begin(), order.firing.end(), [&](std::int64_t row) {
+    return row >= 0 && row < static_cast<std::int64_t>(order.rows);
+  });
+  if (planes.empty() || !fires || order.firing.size() != order.rows)
+    throw Error(ErrorCode::Section, "an order of firing that is none, or no images");
+  PointCells cells;
+  std::vector<std::vector<std::uint32_t>> numbers;
+  {
+    nb::gil_scoped_release release;
+    std::vector<std::uint32_t> ranges;
+    if (!full) {
+      ranges.resize(order.rows * order.columns);
+      const AnyImage& first = planes[0];
+      const auto take = [&](const auto* values) { std::copy_n(values, ranges.size(), ranges.begin()); };
+      if (first.itemsize() == 1)
+        take(static_cast<const std::uint8_t*>(first.data()));
+      else if (first.itemsize() == 2)
+        take(static_cast<const std::uint16_t*>(first.data()));
+      else
+        take(static_cast<const std::uint32_t*>(first.data()));
+      order.ranges = ranges;
+    }
+    cells = cells_of_points(order);
+    for (const AnyImage& plane : planes) numbers.push_back(numbers_at(cells, order.columns, plane));
+  }
+  const std::size_t points = cells.row.size();
+  nb::list found;
+  for (std::vector<std::uint32_t>& one : numbers) found.append(give(std::move(one), {points}));
+  return {nb::make_tuple(give(std::move(cells.row), {points}), give(std::move(cells.column), {points}), found)};
+}
+
 }  // namespace
 
 void bind_clouds(nb::module_& m) {
   m.def("encode_points", &encode, nb::arg("xyz").noconvert(), nb::arg("returned").noconvert(), nb::arg("cells"),
         nb::arg("geometry"), nb::arg("n").noconvert().none(), nb::arg("k").noconvert().none(),
-        nb::arg("none").noconvert().none(), nb::arg("bound_m"),
+        nb::arg("none").noconvert().none(), nb::arg("bound_m"), nb::arg("by_column"),
         "Bytes of the coordinates of points, (3, N); of each point whether it is coded (0), apart (1) or has no return "
-        "(2), (N,); its range n and direction k, (N,), and bits of a point, roughly. cells: rows, columns, row (N,), "
+        "(2), (N,); its range n and direction k, (N,), bits of a point, roughly, and whether directions are told by "
+        "columns. cells: rows, columns, row (N,), "
         "column (N,); geometry: range step in metres, steps of a turn, narrow, angles, values of rows (6, H), form and "
         "unit of what is left; none: bits of points without a return.");
   m.def("decode_points", &decode, nb::arg("data"), nb::arg("cells"), nb::arg("geometry"), nb::arg("n").noconvert(),
@@ -178,6 +280,14 @@ void bind_clouds(nb::module_& m) {
         nb::arg("by_column").noconvert(), nb::arg("by_row").noconvert(), "The numbers, (N,). Raises DecodeError.");
   m.def("decode_times", &decode_sums<float, &times_of_sums>, nb::arg("left"), nb::arg("cells"),
         nb::arg("by_column").noconvert(), nb::arg("by_row").noconvert(), "The times, (N,). Raises DecodeError.");
+  m.def("message_of_points", &message_of, nb::arg("head"), nb::arg("tail"), nb::arg("points"), nb::arg("step"),
+        nb::arg("big_endian"), nb::arg("fields"),
+        "Bytes between a head and a tail: points of `step` bytes, 0 where there is no field. fields: the first byte of "
+        "each, and its values (N,) in the machine's byte order.");
+  m.def("points_of_images", &points_of_images, nb::arg("order"), nb::arg("full"), nb::arg("images"),
+        "Row and column (N,) of each point, and the numbers of images (H, W), of 8, 16 or 32 bits without sign, at the "
+        "points. order: H, W, whether points come column by column, and the order of rows in a column (H,); full: each "
+        "cell has a point, else those where the first image is not 0.");
   m.def(
       "columns_of_firing",
       [](const In<std::int64_t, 1>& rank, const In<double, 1>& turned, double jump, const In<std::int64_t, 1>& ring,

@@ -102,18 +102,37 @@ struct Measured {
   std::int32_t k;
 };
 
-Measured measured(const CloudGeometry& geometry, const CloudRow& row, double x, double y, double z) {
-  const double square = x * x + y * y, along = std::sqrt(std::max(square - row.aside_m * row.aside_m, 0.0));
-  const double distance = std::abs(row.along) > 0.1 ? (along - row.along_m) / row.along
-                          : row.up != 0             ? (z - row.up_m) / row.up
-                                                    : along;
-  const double steps = distance / geometry.step_m;
-  const double held = steps > 1 ? std::min(steps, static_cast<double>(kMostRange)) : 1.0;
-  const double cosine = x * along + y * row.aside_m, sine = y * along - x * row.aside_m;
-  const double angle = geometry.turn > kFineTurn ? std::atan2(sine, cosine) : quick_atan2(sine, cosine);
-  const double turned = angle / kFullTurn * geometry.turn - row.turned;
-  return {static_cast<std::uint32_t>(nearest(held)), static_cast<std::int32_t>(nearest(std::clamp(turned, -1e9, 1e9)))};
-}
+// The same of all points of a row.
+class Measure {
+ public:
+  Measure(const CloudGeometry& geometry, const CloudRow& row)
+      : aside_(row.aside_m),
+        by_height_(std::abs(row.along) <= 0.1 && row.up != 0),
+        scale_(1 / ((by_height_                  ? row.up
+                     : std::abs(row.along) > 0.1 ? row.along
+                                                 : 1.0) *
+                    geometry.step_m)),
+        begin_((by_height_ ? row.up_m : row.along_m) * scale_),
+        steps_(geometry.turn / kFullTurn),
+        turned_(row.turned),
+        exact_(geometry.turn > kFineTurn) {}
+
+  Measured operator()(double x, double y, double z) const {
+    const double square = x * x + y * y - aside_ * aside_, along = std::sqrt(std::max(square, 0.0));
+    const double steps = (by_height_ ? z : along) * scale_ - begin_;
+    const double held = steps > 1 ? std::min(steps, static_cast<double>(kMostRange)) : 1.0;
+    const double cosine = x * along + y * aside_, sine = y * along - x * aside_;
+    const double turned = (exact_ ? std::atan2(sine, cosine) : quick_atan2(sine, cosine)) * steps_ - turned_;
+    return {static_cast<std::uint32_t>(nearest(held)),
+            static_cast<std::int32_t>(nearest(std::clamp(turned, -1e9, 1e9)))};
+  }
+
+ private:
+  double aside_;
+  bool by_height_;
+  double scale_, begin_, steps_, turned_;
+  bool exact_;
+};
 
 // Bits that directions take, roughly.
 double bits_of(Directions directions, const CloudCells& cells, const GivenPositions& given,
@@ -158,6 +177,7 @@ struct Chosen {
 Chosen choose(const CloudCells& cells, const CloudGeometry& geometry, const GivenPositions& given,
               std::span<const std::int32_t> k) {
   Chosen by_column;
+  if (given.by_column) return by_column;
   const Directions directions = by_column.directions(geometry, cells);
   const double bits = bits_of(directions, cells, given, k);
   if (bits < kWorthRows) return by_column;
@@ -200,29 +220,35 @@ class Block {
   std::array<std::int32_t, Places::kPoints> k_;
 };
 
+double square_of(float a, float b) {
+  const double off = static_cast<double>(a) - static_cast<double>(b);
+  return off * off;
+}
+
 // What is left of the coordinates of a point, in zigzag; whether that tells them.
 template <LeftForm kForm>
 bool fits(const std::array<float, 3>& at, const CloudPlace& place, double unit, double bound,
           std::array<std::uint32_t, 4>& left) {
   const std::array<double, 3> told = {place.x, place.y, place.z};
   std::array<std::int64_t, 3> numbers;
-  double still = 0, moved = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    numbers[axis] = left_of<kForm>(at[axis], told[axis], unit);
-    const double off = static_cast<double>(at[axis]) - static_cast<double>(static_cast<float>(told[axis]));
-    still += off * off;
+  for (std::size_t axis = 0; axis < 3; ++axis) numbers[axis] = left_of<kForm>(at[axis], told[axis], unit);
+  if constexpr (kForm == LeftForm::Metres) {
+    double still = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) still += square_of(at[axis], static_cast<float>(told[axis]));
+    if (still <= bound) numbers = {0, 0, 0};
   }
-  if (kForm == LeftForm::Metres && still <= bound) numbers = {0, 0, 0};
+  double moved = 0;
   bool same = true;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const float back = back_of<kForm>(told[axis], numbers[axis], unit);
     left[axis + 1] = zigzag(numbers[axis]);
-    const double off = static_cast<double>(back) - static_cast<double>(at[axis]);
-    moved += off * off;
-    same &= std::bit_cast<std::uint32_t>(back) == std::bit_cast<std::uint32_t>(at[axis]);
+    if constexpr (kForm == LeftForm::Metres)
+      moved += square_of(at[axis], back);
+    else
+      same &= std::bit_cast<std::uint32_t>(back) == std::bit_cast<std::uint32_t>(at[axis]);
   }
   const std::uint32_t most = std::max(std::max(left[0], left[1]), std::max(left[2], left[3]));
-  return most <= kMostRest && (kForm == LeftForm::Metres ? moved <= bound : same);
+  return most <= kMostRest && same && moved <= bound;
 }
 
 template <LeftForm kForm>
@@ -325,6 +351,8 @@ CodedPositions encode_positions(const CloudCells& cells, const CloudGeometry& ge
   coded.n.assign(points, 1);
   coded.k.resize(points);
   const Directions none(DirectionForm::ByRow, geometry.turn, 0, 0, 0);
+  std::vector<Measure> measures;
+  for (const CloudRow& row : geometry.rows) measures.emplace_back(geometry, row);
   for (std::size_t i = 0; i < points; ++i) {
     if (given.returned[i] == 0) {
       const std::array<float, 3> at = {given.xyz[0][i], given.xyz[1][i], given.xyz[2][i]};
@@ -336,12 +364,12 @@ CodedPositions encode_positions(const CloudCells& cells, const CloudGeometry& ge
     }
     Measured found{1, 0};
     if (given.n.empty() || given.k.empty())
-      found = measured(geometry, geometry.rows[static_cast<std::size_t>(cells.row[i])], given.xyz[0][i],
-                       given.xyz[1][i], given.xyz[2][i]);
+      found = measures[static_cast<std::size_t>(cells.row[i])](given.xyz[0][i], given.xyz[1][i], given.xyz[2][i]);
     coded.n[i] = std::clamp(given.n.empty() ? found.n : given.n[i], 1u, kMostRange);
     coded.k[i] = none.wrapped(given.k.empty() ? found.k : given.k[i]);
   }
   const Chosen chosen = choose(cells, geometry, given, coded.k);
+  coded.by_column = chosen.form == DirectionForm::ByColumn;
   coded.bytes.push_back(static_cast<std::uint8_t>(chosen.form));
   if (chosen.form == DirectionForm::ByRow) put_number(coded.bytes, zigzag(chosen.step));
   switch (unit.form) {

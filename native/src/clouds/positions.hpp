@@ -39,6 +39,7 @@ struct CodedPositions {
   std::vector<PointState> states;
   std::vector<std::uint32_t> n;  // range of each point; 0: Empty
   std::vector<std::int32_t> k;   // direction
+  bool by_column = true;         // whether directions are told by columns
   double bits = 0;               // of directions and coordinates of a point, roughly
 };
 
@@ -49,6 +50,7 @@ struct GivenPositions {
   std::span<const std::uint32_t> n;                  // ranges, if the message has them beside; else none
   std::span<const std::int32_t> k;                   // directions, if they are known; else none
   std::optional<std::array<std::uint32_t, 3>> none;  // bits of points without a return
+  bool by_column = false;                            // whether directions are known to be told well by columns
   double bound_m = 0;  // of Metres: the largest distance between a point and what comes back
 };
 

@@ -85,7 +85,10 @@ RestReader::RestReader(Bytes data) {
     return;
   }
   for (std::uint32_t& state : states_) state = static_cast<std::uint32_t>(little_endian(reader.take(4), 0, 4));
-  words_ = reader.take(2 * reader.number(reader.left() / 2));
+  const Bytes words = reader.take(2 * reader.number(reader.left() / 2));
+  for (std::size_t at = 0; at < words.size(); at += 2)
+    words_.push_back(static_cast<std::uint16_t>(little_endian(words, at, 2)));
+  words_.push_back(0);
   bits_ = reader.rest();
 }
 
@@ -110,7 +113,7 @@ std::uint32_t RestReader::beside(std::uint32_t token) {
 
 void RestReader::finish() const {
   const bool begins = std::all_of(states_.begin(), states_.end(), [](std::uint32_t state) { return state == kLeast; });
-  if (tokens_ != 0 && (!begins || !words_.empty() || !bits_.empty() || held_ != 0))
+  if (tokens_ != 0 && (!begins || word_ + 1 != words_.size() || !bits_.empty() || held_ != 0))
     throw Error(ErrorCode::Section, "the end of rests does not fit what was read");
 }
 

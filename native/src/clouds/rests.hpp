@@ -45,7 +45,12 @@ class RestReader {
     std::uint32_t& state = states_[at_++ % kLanes];
     const std::uint32_t slot = state % kFrequencies, token = table.token_at(slot);
     state = table.frequency(token) * (state >> kFrequencyBits) + slot - table.start(token);
-    if (state < kLeast) state = state << 16 | word();
+    const bool moves = state < kLeast;  // added and chosen, because a branch would often be mispredicted
+    const std::uint32_t moved = state << 16 | words_[word_];
+    state = moves ? moved : state;
+    word_ += moves;
+    if (word_ == words_.size()) [[unlikely]]
+      ends();
     table.take(token);
     return token < kDirectTokens ? token : beside(token);
   }
@@ -58,12 +63,6 @@ class RestReader {
   static constexpr std::size_t kLanes = 4;
   static constexpr std::uint32_t kLeast = 1u << 16;
 
-  std::uint32_t word() {
-    if (words_.size() < 2) ends();
-    const std::uint32_t found = words_[0] | std::uint32_t{words_[1]} << 8;
-    words_ = words_.subspan(2);
-    return found;
-  }
   std::uint32_t beside(std::uint32_t token);
   void begin(std::uint8_t context);
   [[noreturn]] static void ends();
@@ -71,7 +70,9 @@ class RestReader {
   std::uint32_t tokens_;
   std::size_t at_ = 0;
   std::array<std::uint32_t, kLanes> states_{};
-  Bytes words_, bits_;
+  std::vector<std::uint16_t> words_;  // and one more, which is never used up
+  std::size_t word_ = 0;
+  Bytes bits_;
   std::uint64_t held_ = 0;
   std::uint32_t held_bits_ = 0;
   std::array<std::unique_ptr<RestTable>, kMostRestContexts> tables_;
