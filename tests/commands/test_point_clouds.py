@@ -180,7 +180,9 @@ def test_fractions_count_in_255ths():
     assert intensity_of(read_message(message(points))).max() == 255
 
 
-@pytest.mark.parametrize("frame_id", ["\U0001f600" * 100, "\x1b[31mred\nlidarcodec: a line of the bag"])
+@pytest.mark.parametrize(
+    "frame_id", ["\U0001f600" * 100, "\x1b[31mred\nlidarcodec: a line of the bag"], ids=["wide", "steering"]
+)
 def test_names_in_a_message_fit_and_steer_no_terminal(tmp_path, frame_id):
     points = VELODYNE[0]
     at = points.index(b"lidar\0") - 4
