@@ -157,7 +157,7 @@ class PlyOutput:
             log.warning(
                 "intensities from frame %d on are clipped to %d, for the first sensor has 8 bits", frame.index, top
             )
-        rows["intensity"] = np.minimum(cloud["intensity"], top)
+        rows["intensity"] = np.minimum(cloud["intensity"].astype(np.uint16), top)
         if frame.index > np.iinfo(np.int32).max:
             raise SettingsError(f"the number of frame {frame.index} is too large for .ply: write .npz or .pcap")
         rows["frame"] = frame.index

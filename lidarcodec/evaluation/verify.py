@@ -287,9 +287,10 @@ class Comparison:
             self.steps[promise.step] += 1
             self.differing += len(back) - same if promise.identical else 0
         if decoded.sensor.is_cloud:
-            self._compare_clouds(given, back, promise)
+            return self._compare_clouds(given, back, promise)
         for original in frames_of(given, decoded.sensor, f"packets:{MAX_PACKETS}"):
             self._compare(original, decoded, promise)
+        return None
 
     def finish(self, source: PacketsByTime) -> None:
         """Call this after the last frame: compares the position packets after it."""
@@ -320,7 +321,8 @@ class Comparison:
 
     def _compare_clouds(self, given: list[Packet], back: list[Packet], promise: Promise | None) -> None:
         differing = self.points.other_fields
-        error_m = self.points.add(given, back)
+        self.errors.range_step_m = CLOUD_STEP_M
+        error_m = self.points.add(given, back, self.errors)
         if promise is None or promise.bound_m is None or promise.identical:
             return
         if error_m > promise.bound_m * (1 + 1e-9):

@@ -7,12 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from lidarcodec.errors import DecodeError
+from lidarcodec.evaluation.metrics import RangeErrors
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.packet import Packet
 from lidarcodec.planes.attribute_values import AttributeQuality
 from lidarcodec.planes.clouds.section import point_errors
+from lidarcodec.sensors.clouds.message import read_message
 
 
 @dataclass
@@ -27,10 +31,16 @@ class CloudErrors:
     squared_m2: float = 0.0
     other_fields: int = 0
 
-    def add(self, given: Sequence[Packet], back: Sequence[Packet]) -> float:
-        """Compare messages with those of the recording; returns the largest error."""
+    def add(self, given: Sequence[Packet], back: Sequence[Packet], returns: RangeErrors) -> float:
+        """Compare messages with those of the recording; returns the largest error. returns: counts those of both
+
+        Images are not compared: which column of it a point has depends on the messages before.
+        """
         largest = 0.0
         for one, other in zip(given, back, strict=True):
+            there, came = _returns(one.payload), _returns(other.payload)
+            if len(there) == len(came):
+                returns.add(there, came)
             errors = point_errors(other.payload, one.payload)
             if errors is None or np.isinf(errors).any():
                 self.other_fields += 1
@@ -45,6 +55,14 @@ class CloudErrors:
     def rmse_m(self) -> float:
         """Root of the mean squared error."""
         return math.sqrt(self.squared_m2 / max(self.points, 1))
+
+
+def _returns(payload: bytes) -> npt.NDArray[np.uint16]:
+    """(N,) 1 for each point of a message that is a return; (0,) if it is no cloud."""
+    try:
+        return read_message(payload).returns.astype(np.uint16)
+    except DecodeError:
+        return np.zeros(0, np.uint16)
 
 
 def values_difference(

@@ -13,6 +13,8 @@ from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.sensors.clouds.grid import GridFinder, grid_of
+from lidarcodec.sensors.clouds.message import read_message
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.settings import StreamSettings
 from tests.packets import sensor, turning
@@ -137,3 +139,21 @@ def test_coordinates_that_are_no_numbers_count_as_other_ones():
     assert any("other fields" in text for text in broken)
     assert replace(Comparison(), frames=1).result()["max_error_m"] is None
     json.dumps(report, allow_nan=False)
+
+
+@pytest.mark.parametrize("bound_m", [None, 0.02])
+def test_messages_of_a_stream_are_compared_though_their_images_depend_on_those_before(bound_m):
+    """A turn that begins with another firing has a column more than it has by itself."""
+    turns = [RINGS, np.roll(RINGS, 1), np.roll(RINGS, 9)]
+    packets = [Packet(message(points), STAMP_NS + number * 10**8) for number, points in enumerate(turns)]
+    model = cloud_sensor([packets[0].payload])
+    finder = GridFinder()
+    widths = [(finder.find(one), grid_of(one)) for one in (read_message(packet.payload) for packet in packets)]
+    assert any(one.columns != other.columns for one, other in widths)
+    broken, report = compared(packets, packets, model, codec="pcodec", max_error_m=bound_m)
+    assert broken == []
+    assert (report["points"], report["lost"], report["invented"]) == (3 * np.count_nonzero(returned(RINGS)), 0, 0)
+
+
+def returned(points):
+    return read_message(message(points)).returns
