@@ -2,7 +2,7 @@
 #include <cstdlib>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_input.hpp"
 #include "planes/azimuth_coder.hpp"
 
 namespace {

@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "../check/random_nets.hpp"
-#include "fuzz_ranges.hpp"
+#include "parts/fuzz_ranges.hpp"
 #include "predictive/kind.hpp"
 
 using lidarcodec::kMaskRows;

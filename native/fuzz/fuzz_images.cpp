@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
 #include "images/coder.hpp"
 #include "images/following.hpp"
+#include "parts/fuzz_input.hpp"
 
 using lidarcodec::ColumnRun;
 using lidarcodec::PlaneFrame;

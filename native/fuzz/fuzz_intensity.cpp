@@ -5,8 +5,8 @@
 
 #include "base/error.hpp"
 #include "bits/rangecoder.hpp"
-#include "fuzz_geometry.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_geometry.hpp"
+#include "parts/fuzz_input.hpp"
 #include "planes/intensity_coder.hpp"
 #include "planes/intensity_symbols.hpp"
 

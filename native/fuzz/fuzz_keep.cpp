@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_geometry.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_geometry.hpp"
+#include "parts/fuzz_input.hpp"
 #include "planes/keep_coder.hpp"
 
 using lidarcodec::EarlierMask;

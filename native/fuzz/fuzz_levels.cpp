@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_geometry.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_geometry.hpp"
+#include "parts/fuzz_input.hpp"
 #include "planes/intensity_choice.hpp"
 
 namespace {

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_geometry.hpp"
-#include "fuzz_input.hpp"
 #include "mask/coder.hpp"
+#include "parts/fuzz_geometry.hpp"
+#include "parts/fuzz_input.hpp"
 
 using lidarcodec::EarlierMask;
 using lidarcodec::kMaskRows;

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_geometry.hpp"
-#include "fuzz_input.hpp"
 #include "mask/stream.hpp"
+#include "parts/fuzz_geometry.hpp"
+#include "parts/fuzz_input.hpp"
 
 using namespace lidarcodec;
 

@@ -6,7 +6,7 @@
 #include "base/error.hpp"
 #include "bits/number_series.hpp"
 #include "bits/numbers.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_input.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   FuzzInput input(data, size);

@@ -3,7 +3,7 @@
 #include <cstdlib>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_input.hpp"
 #include "pco/groups.hpp"
 #include "pco/pco.hpp"
 

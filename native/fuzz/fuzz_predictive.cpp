@@ -1,6 +1,6 @@
 // Any bytes as ranges, and any ranges there and back. The input's first bytes say width, firings, sensor and step.
 #include "../check/random_nets.hpp"
-#include "fuzz_ranges.hpp"
+#include "parts/fuzz_ranges.hpp"
 #include "predictive/kind.hpp"
 
 using lidarcodec::kMaskRows;

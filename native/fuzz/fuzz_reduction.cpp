@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
+#include "parts/fuzz_input.hpp"
 #include "reduction/cell_pick.hpp"
 #include "reduction/returns.hpp"
 #include "reduction/seen_before.hpp"

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
 #include "network/train.hpp"
+#include "parts/fuzz_input.hpp"
 
 using namespace lidarcodec;
 

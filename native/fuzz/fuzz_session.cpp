@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "../c/lidarcodec.cpp"
-#include "fuzz_messages.hpp"
+#include "parts/fuzz_messages.hpp"
 #include "session/frames/ring_geometry.hpp"
 
 namespace {

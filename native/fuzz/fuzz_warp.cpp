@@ -3,9 +3,9 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
 #include "motion/registration.hpp"
 #include "motion/warp.hpp"
+#include "parts/fuzz_input.hpp"
 
 using namespace lidarcodec;
 

@@ -1,7 +1,7 @@
 """Inputs for native/fuzz/fuzz_session.cpp: streams of messages of every codec that a session of the core decodes.
 
 A byte says how they are decoded; then comes each message behind its length. Calibrations are not compressed, and
-networks are small ones that the stream brings, so that a fuzzer can change both (native/fuzz/fuzz_messages.hpp).
+networks are small ones that the stream brings, so that a fuzzer can change both (native/fuzz/parts/fuzz_messages.hpp).
 """
 
 from __future__ import annotations
