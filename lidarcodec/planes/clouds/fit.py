@@ -15,11 +15,16 @@ import numpy.typing as npt
 from lidarcodec.planes.clouds.geometry import SCALES, Floats, Geometry, Numbers
 
 STEPS_M: Final = (0.008, 0.005, 0.004, 0.0025, 0.002, 0.001)
-TURNS: Final = (512, 1024, 2048, 4096, 36000, 72000)
+HUNDREDTHS: Final = (36000, 72000)
+COARSE: Final = (600, 1800, 2000)
+"""Whole numbers of hundredths of a degree."""
+TURNS: Final = (512, 1024, 2048, 4096, *COARSE, *HUNDREDTHS)
 FINE_STEP_M: Final = 2.0**-13
 FINE_TURN: Final = 1 << 24
 _ON_LATTICE: Final = 0.8
 """Mean resultant length of phases from which on they count as one: 1 if all are equal, near 0 if they are random."""
+_SURELY: Final = 0.9999
+"""The same of coarse steps: a sensor that fires in finer ones may nearly keep to them."""
 _LOOKED_AT: Final = 16_384
 """Points by which a lattice is found."""
 _MOST_N: Final = (1 << 20) - 1
@@ -112,13 +117,13 @@ class _Rows:
             slope = np.where(spread > 1e-12, self.sums(dx * dy) / np.maximum(spread, 1e-12), 0.0)
         return slope, mean_y - slope * mean_x
 
-    def on_lattice(self, values: Floats) -> Floats | None:
+    def on_lattice(self, values: Floats, least: float = _ON_LATTICE) -> Floats | None:
         """Phase of each row, (-0.5, 0.5], if nearly all values differ by whole numbers within their row; else None."""
         angle, row = values[self.part] * (2 * np.pi), self.row[self.part]
         cosine, sine = (np.bincount(row, wave, self.rows) for wave in (np.cos(angle), np.sin(angle)))
         count = np.bincount(row, minlength=self.rows)
         enough = count >= 8
-        if not enough.any() or np.hypot(cosine, sine)[enough].sum() / count[enough].sum() < _ON_LATTICE:
+        if not enough.any() or np.hypot(cosine, sine)[enough].sum() / count[enough].sum() < least:
             return None
         return np.arctan2(sine, cosine) / (2 * np.pi)
 
@@ -151,7 +156,7 @@ def _lattice(azimuth: Floats, rho: Floats, aside: Floats, rows: _Rows) -> tuple[
     """Steps of a turn in which all directions are whole numbers, but for an offset of each row; None for none."""
     turns = (azimuth - np.arctan2(aside, rho)) / (2 * np.pi)
     for turn in TURNS:
-        phase = rows.on_lattice(turns * turn)
+        phase = rows.on_lattice(turns * turn, _SURELY if turn in COARSE else _ON_LATTICE)
         if phase is not None:
             return turn, phase
     return None
@@ -166,7 +171,7 @@ def _directions(azimuth: Floats, rho: Floats, aside: Floats, rows: _Rows, fine: 
     turn, phase = found
     k = np.rint(turns * turn - phase[rows.row])
     _, exact = rows.line(np.zeros(len(k)), turns * turn - k)
-    decimal = 1000.0 if turn % 360 == 0 else 1000.0 * 360 / turn  # thousandths of a step, or of a degree
+    decimal = 1000.0 if turn in HUNDREDTHS else 1000.0 * 360 / turn  # thousandths of a step, or of a degree
     near = np.rint(exact * decimal) / decimal
     exact = np.where(np.abs(exact - near) < 2e-6 * turn / 360, near, exact)  # angles of calibration files are such
     return turn, exact, k.astype(np.int64)
