@@ -1,6 +1,6 @@
 """Inputs for the harnesses of native/fuzz that hold valid sections: each harness's own first bytes, then the section.
 
-A harness makes the geometry of a frame out of its first bytes (native/fuzz/parts/fuzz_geometry.hpp). The same geometry is
+A harness makes the geometry of a frame of its first bytes (native/fuzz/parts/fuzz_geometry.hpp). The same geometry is
 made here, and a section is written for it by the encoder, so that the harness decodes it and goes there and back.
 """
 

@@ -16,6 +16,7 @@ from lidarcodec.planes.clouds.section import decode_cloud, encode_cloud
 from lidarcodec.planes.plane_section import PlaneKind
 from lidarcodec.recording import RosbagWriter
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.clouds.grid import grid_of
 from lidarcodec.sensors.clouds.message import ROS1, read_message
 from lidarcodec.sensors.clouds.points import cloud_points
 from lidarcodec.sensors.clouds.sensor import cloud_evidence, cloud_sensor
@@ -139,7 +140,7 @@ def section_target() -> Target:
 
 def _frame_of(section: bytes, sensor: SensorModel) -> None:
     cloud = decode_cloud(section)
-    frame = cloud_frame(0, 0, cloud.payload, sensor, grid=cloud.grid)
+    frame = cloud_frame(0, 0, cloud.payload, sensor, find=grid_of if cloud.grid is None else lambda _: cloud.grid)
     cloud_points(frame, both=False)
 
 
