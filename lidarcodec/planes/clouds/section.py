@@ -197,7 +197,9 @@ def _in_columns(
     _put_packed(out, message.between.tobytes(), level)
     _put_packed(out, message.tail, level)
     grid = before.grids.find(message)
-    positions = None if grid is None else encode_positions(message, grid, max_error_m, level, before.fitted)
+    positions = None
+    if grid is not None and not _shares_bytes(head):
+        positions = encode_positions(message, grid, max_error_m, level, before.fitted)
     before.fitted = None if positions is None else positions.fitted
     nothing = np.zeros(head.points, np.int64)
     image = positions.image if positions is not None else Image(grid, None, nothing, nothing, level)
@@ -226,6 +228,15 @@ def _in_columns(
     if len(gaps):
         put_bytes(out, np.ascontiguousarray(message.points[:, gaps]), level)
     return bytes(out), _Known(grid, {name: part.astype(np.uint32) for name, part in planes.items()}, positions)
+
+
+def _shares_bytes(head: CloudHead) -> bool:
+    """Whether x, y or z lies over another field, so that the one cannot be coded without the other."""
+    fields = np.zeros(head.point_step, np.int64)
+    for one in head.fields:
+        fields[one.offset : one.offset + np.dtype(one.kind).itemsize * one.repeated] += 1
+    axes = [head.by_name[name] for name in "xyz" if name in head.by_name]
+    return any((fields[one.offset : one.offset + np.dtype(one.kind).itemsize] > 1).any() for one in axes)
 
 
 def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
