@@ -184,7 +184,8 @@ def damaged_cloud(data: bytes, rng: random.Random) -> bytes:
     out = bytearray([reader.byte()])
     try:
         if data[0] == ZSTD:
-            plain = wounded(_unpacked(data[reader.offset + _varint_size(data, reader) :]) or b"", rng)
+            reader.varint(_MOST)
+            plain = wounded(_unpacked(data[reader.offset :]) or b"", rng)
             put_varint(out, len(plain))
             return bytes(out) + compress(plain, 1)
         put_varint(out, reader.varint(_MOST) if rng.random() < 0.9 else rng.choice((0, 1, 10**8)))
@@ -201,14 +202,6 @@ def damaged_cloud(data: bytes, rng: random.Random) -> bytes:
     put_varint(out, len(head))
     put_varint(out, len(packed))
     return bytes(out) + packed + rest
-
-
-def _varint_size(data: bytes, reader: VarintReader) -> int:
-    begin = reader.offset
-    size = 0
-    while data[begin + size] & 0x80:
-        size += 1
-    return size + 1
 
 
 def _other_head(head: bytes, rng: random.Random) -> bytes:
