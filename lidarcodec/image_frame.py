@@ -132,7 +132,8 @@ def _ranges(message: CloudMessage, step_m: float) -> npt.NDArray[np.uint32]:
 
 def _axes(message: CloudMessage) -> list[npt.NDArray[np.float64]]:
     """x, y and z of the points, (N,) each."""
-    return [np.asarray(message.values(name), np.float64) for name in "xyz"]
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        return [np.asarray(message.values(name), np.float64) for name in "xyz"]
 
 
 def column_azimuths(message: CloudMessage, view: View) -> npt.NDArray[np.uint16]:

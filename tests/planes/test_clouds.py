@@ -7,11 +7,13 @@ import pytest
 import zstandard
 
 from lidarcodec.errors import DecodeError, SectionError
+from lidarcodec.image_frame import cloud_frame
 from lidarcodec.planes.clouds.geometry import cosine_sine, from_ordered, ordered
 from lidarcodec.planes.clouds.section import COLUMNS, ZSTD, bound_of_cloud, decode_cloud, encode_cloud, same_but_near
 from lidarcodec.planes.plane_section import PlaneKind
 from lidarcodec.sensors.clouds.grid import grid_of, places_of
 from lidarcodec.sensors.clouds.message import read_head, read_message
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from tests.point_clouds import message, ouster, plain, ros1, velodyne
 
 VELODYNE = message(velodyne())
@@ -243,3 +245,14 @@ def test_a_bound_holds_where_coordinates_lie_over_other_fields(over):
     for bound_m in (None, 0.02, 1.0):
         back = decode_cloud(encode_cloud(payload, PlaneKind.QUICK, bound_m)).payload
         assert same_but_near(back, payload, bound_m or 0.0)
+
+
+@pytest.mark.parametrize("pattern", [0x7FA00001, 0xFFA00001, 0x7FC00000, 0x7F800000])
+def test_numbers_that_are_none_are_no_returns_and_warn_of_nothing(pattern):
+    """Signalling NaN, too, of which a processor tells when they are converted."""
+    points = velodyne(12, 8)
+    points["x"][:3] = np.full(3, pattern, np.uint32).view(np.float32)
+    data = message(points)
+    frame = cloud_frame(0, 0, data, cloud_sensor([data]))
+    assert frame.points <= len(points) - 3
+    assert len(frame.cloud("all")) == len(points) - 3
