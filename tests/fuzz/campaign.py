@@ -25,6 +25,7 @@ import signal
 import struct
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
@@ -207,6 +208,7 @@ def _work(make: Any, writes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_MIB * 2**20,) * 2)
     resource.setrlimit(resource.RLIMIT_CPU, (HUNG_S, HUNG_S))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    warnings.simplefilter("error", RuntimeWarning)  # numpy's, which a viewer would see
     try:
         counts = make()
         with os.fdopen(writes, "w") as pipe:

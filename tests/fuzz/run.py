@@ -15,6 +15,7 @@ import logging
 import random
 import resource
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -157,6 +158,7 @@ def main() -> None:
     parser.add_argument("--crashes", type=Path, default=Path("crash-found"))
     options = parser.parse_args()
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
+    warnings.simplefilter("error", RuntimeWarning)  # numpy's, which a viewer would see
     began = time.perf_counter()
     outcomes = run(
         options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, options.only
