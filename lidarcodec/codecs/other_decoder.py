@@ -25,6 +25,7 @@ from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.clouds.section import decode_cloud
 from lidarcodec.planes.lattice_section import inflated
 from lidarcodec.planes.other_calibrations import described_sensor
+from lidarcodec.sensor_model import HDL64E
 from lidarcodec.sensors.clouds.grid import grid_of
 from lidarcodec.sensors.models.table import is_known
 
@@ -38,7 +39,7 @@ class PlaneDecoder:
         if name not in KINDS:
             raise UnsupportedVersionError(f"codec {name} does not write frames of this sensor")
         self.codec_id = codec_id
-        self._session: Final = _native.Session(decompress, inflated, shipped_file, False, is_known)
+        self._session: Final = _native.Session(decompress, inflated, shipped_file, False, _is_other)
 
     def decode(self, message: Message) -> list[Frame]:
         """The message's frame.
@@ -71,3 +72,8 @@ class PlaneDecoder:
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""
         return []
+
+
+def _is_other(model: str) -> bool:
+    """Whether a sensor of this model describes itself. An HDL-64E does not: its frames have sections of their own."""
+    return model != HDL64E and is_known(model)

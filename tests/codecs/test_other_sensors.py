@@ -22,6 +22,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.planes.other_calibrations import other_form
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section, read_head
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
@@ -292,3 +293,13 @@ def test_numbers_of_a_series_mean_the_same_in_any_type_that_holds_them(model: st
         (decoded,) = StreamDecoder().decode(replace(coded, sections=sections))
         shown.append((decoded.azimuth.tobytes(), decoded.cloud("all").tobytes(), in_microseconds(packets_of(decoded))))
     assert shown[0] == shown[1]
+
+
+def test_an_hdl64e_among_other_sensors_is_a_decode_error() -> None:
+    sensor, layout = made_layouts()[0]
+    (frame,) = made_frames(sensor, layout, 1, 1)
+    (coded,) = StreamEncoder(settings_from({"codec": "raw"}), 7).encode(frame)
+    said = Section(SectionType.CALIBRATION, other_form(replace(sensor, model="hdl64e")))
+    sections = tuple(said if one.type == SectionType.CALIBRATION else one for one in coded.sections)
+    with pytest.raises(DecodeError, match="hdl64e"):
+        StreamDecoder().decode(replace(coded, sections=sections))

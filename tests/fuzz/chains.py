@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import LidarCodecError, MissingReferenceError
+from lidarcodec.errors import DecodeError, LidarCodecError, MissingReferenceError
 from lidarcodec.filling import filled
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder
@@ -107,7 +107,7 @@ class Chain:
         try:
             decode_all(decoder, data)
             kind = "decoded"
-        except LidarCodecError as error:
+        except DecodeError as error:
             kind = type(error).__name__
         except Exception as error:  # what this looks for
             kind, foreign = type(error).__name__, f"{type(error).__name__}: {error}"
