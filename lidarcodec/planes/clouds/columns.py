@@ -151,7 +151,7 @@ def put_sized(out: bytearray, data: bytes) -> None:
     out += data
 
 
-def put_bytes(out: bytearray, rows: npt.NDArray[np.uint8], level: int, forms: Sequence[int] = (1, 0)) -> int:
+def _put_bytes(out: bytearray, rows: npt.NDArray[np.uint8], level: int, forms: Sequence[int] = (1, 0)) -> int:
     """(N, size) bytes, as of way 0, in that of some forms that takes fewest; the form."""
     packed = []
     for form in forms:
@@ -184,8 +184,8 @@ def encode_column(values: Values, image: Image, before: Coded | None = None) -> 
     if len(values) and (bits == bits[0]).all():
         return Coded(Way.CONSTANT, bytearray(raw[0].tobytes()))
     if before is not None and before.way == Way.BYTES:
-        again = _bytes(raw, image.level, (before.number,))
-        if len(again.data) <= len(before.data) * _LONGER:
+        again = _bytes_as_before(raw, image.level, before)
+        if again is not None:
             return again
     numbers = numbers_of(values)
     found: list[Coded] = []
@@ -203,9 +203,20 @@ def encode_column(values: Values, image: Image, before: Coded | None = None) -> 
     return min(found, key=lambda one: len(one.data))
 
 
+def encode_bytes(raw: npt.NDArray[np.uint8], level: int, before: Coded | None = None) -> Coded:
+    """(N, size) bytes of points as of way 0. before: the same of the message before it in a stream."""
+    again = None if before is None else _bytes_as_before(raw, level, before)
+    return _bytes(raw, level) if again is None else again
+
+
+def _bytes_as_before(raw: npt.NDArray[np.uint8], level: int, before: Coded) -> Coded | None:
+    again = _bytes(raw, level, (before.number,))
+    return again if len(again.data) <= len(before.data) * _LONGER else None
+
+
 def _bytes(raw: npt.NDArray[np.uint8], level: int, forms: Sequence[int] = (1, 0)) -> Coded:
     coded = Coded(Way.BYTES)
-    coded.number = put_bytes(coded.data, raw, level, forms)
+    coded.number = _put_bytes(coded.data, raw, level, forms)
     return coded
 
 

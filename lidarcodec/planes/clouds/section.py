@@ -23,9 +23,9 @@ from lidarcodec.planes.clouds.columns import (
     Coded,
     Image,
     columns_of,
+    encode_bytes,
     encode_column,
     plane_of,
-    put_bytes,
     put_sized,
 )
 from lidarcodec.planes.clouds.positions import Fitted, Positions, decode_positions, encode_positions
@@ -65,6 +65,7 @@ class CloudBefore:
         self.grids: Final = GridFinder()
         self.fitted: Fitted | None = None
         self.columns: dict[tuple[str, int, str], Coded] = {}
+        self.gaps: Coded | None = None
 
 
 def encode_cloud(
@@ -226,7 +227,8 @@ def _in_columns(
         out.append(one.way)
         out += one.data
     if len(gaps):
-        put_bytes(out, np.ascontiguousarray(message.points[:, gaps]), level)
+        before.gaps = encode_bytes(np.ascontiguousarray(message.points[:, gaps]), level, before.gaps)
+        out += before.gaps.data
     return bytes(out), _Known(grid, {name: part.astype(np.uint32) for name, part in planes.items()}, positions)
 
 
