@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "base/bytes.hpp"
 
@@ -73,5 +74,33 @@ class VarintReader {
   const char* what_;
   std::size_t at_ = 0;
 };
+
+// Numbers of planes, below 2^32. take_number raises Section if it has more bytes than it needs, or Truncated.
+inline void put_number(std::vector<std::uint8_t>& out, std::size_t value) {
+  for (; value >= 128; value >>= 7) out.push_back(static_cast<std::uint8_t>(value | 128u));
+  out.push_back(static_cast<std::uint8_t>(value));
+}
+
+inline std::uint32_t take_number(ByteReader& reader) {
+  std::uint64_t value = 0;
+  for (unsigned shift = 0; shift < 35; shift += 7) {
+    const std::uint64_t byte = reader.number(1);
+    value |= (byte & 127u) << shift;
+    if (byte < 128 && value >> 32 == 0 && (byte != 0 || shift == 0)) return static_cast<std::uint32_t>(value);
+    if (byte < 128) break;
+  }
+  throw Error(ErrorCode::Section, "a number in the head of planes is too large, or longer than it needs to be",
+              reader.at());
+}
+
+// The same with a sign, zigzag: 0, -1, 1, -2 are 0, 1, 2, 3.
+inline void put_signed(std::vector<std::uint8_t>& out, std::int32_t value) {
+  put_number(out, static_cast<std::uint32_t>(value) << 1 ^ static_cast<std::uint32_t>(value >> 31));
+}
+
+inline std::int32_t take_signed(ByteReader& reader) {
+  const std::uint32_t number = take_number(reader);
+  return static_cast<std::int32_t>(number >> 1 ^ (0u - (number & 1u)));
+}
 
 }  // namespace lidarcodec

@@ -167,23 +167,6 @@ PlaneHead read_head(ByteReader& reader, const PlaneFrame& frame, const std::vect
 
 }  // namespace
 
-void put_number(std::vector<std::uint8_t>& out, std::size_t value) {
-  for (; value >= 128; value >>= 7) out.push_back(static_cast<std::uint8_t>(value | 128u));
-  out.push_back(static_cast<std::uint8_t>(value));
-}
-
-std::uint32_t take_number(ByteReader& reader) {
-  std::uint64_t value = 0;
-  for (unsigned shift = 0; shift < 35; shift += 7) {
-    const std::uint64_t byte = reader.number(1);
-    value |= (byte & 127u) << shift;
-    if (byte < 128 && value >> 32 == 0 && (byte != 0 || shift == 0)) return static_cast<std::uint32_t>(value);
-    if (byte < 128) break;
-  }
-  throw Error(ErrorCode::Section, "a number in the head of planes is too large, or longer than it needs to be",
-              reader.at());
-}
-
 std::vector<PlaneHead> choose_heads(const PlaneFrame& frame, std::vector<PlaneNumbers>& all, bool quick) {
   const std::vector<std::uint32_t> units = take_units(frame, all);
   std::vector<PlaneHead> heads;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
+#include "base/varint.hpp"
 #include "images/forms.hpp"
 #include "images/plane_rows.hpp"
 
@@ -22,11 +23,6 @@ struct PlaneHead {
 
 // Of one plane, in rows that are aligned.
 using PlaneNumbers = std::vector<std::int32_t>;
-
-// Numbers of heads, seven bits a byte, the lowest first; the upper bit says that more follow. take_number raises
-// Section or Truncated.
-void put_number(std::vector<std::uint8_t>& out, std::size_t value);
-std::uint32_t take_number(ByteReader& reader);
 
 // Heads of the best ways to code these numbers, which are divided by their units. quick: fewer values are symbols.
 std::vector<PlaneHead> choose_heads(const PlaneFrame& frame, std::vector<PlaneNumbers>& all, bool quick);
