@@ -36,13 +36,14 @@ class FollowingDecoder(PlaneDecoder):
             for name in self.KEPT:
                 setattr(self, name, getattr(learned, name))
         self.was, self.traces = [NOTHING] * width, [Trace()] * width
+        self.kin: PlaneDecoder | None = None
 
     def start_row(self, row: int) -> None:
         """Go on to a row."""
         super().start_row(row)
         if self.way != CONSTANT:
             self.rows_done += 1
-            self.rate = 330 + 1500 // self.rows_done
+            self.rate = min(1950, 100 + 10_000 // self.rows_done)
 
     def seen(self, x: int) -> tuple[int, Trace]:
         """What the frame before has at a column."""
@@ -80,7 +81,19 @@ class FollowingDecoder(PlaneDecoder):
         average = self.average(x)
         six = was if was != NOTHING else average
         both = NOTHING not in (was, left_was)
-        return [*p, six, self.v.at(self.row, x, -1, 0) + was - left_was if both else six]
+        seven = self.v.at(self.row, x, -1, 0) + was - left_was if both else six
+        return [*p, six, self.in_proportion(x, average, seven)]
+
+    def in_proportion(self, x: int, average: int, otherwise: int) -> int:
+        """What the cell would be if it were to its neighbours as that of K is to those there."""
+        if self.form.role != ATTRIBUTE or self.kin is None:
+            return otherwise
+        v, row = self.kin.v, self.row
+        around = 2 * v.at(row, x, -1, 0) + 2 * v.at(row, x, 0, 1) + v.at(row, x, 1, 1) + v.at(row, x, -1, 1)
+        around += v.at(row, x, -2, 0) + v.at(row, x, 0, 2)
+        if row == 0:
+            around = 8 * v.at(row, x, -1, 0)
+        return min(8 * average * v.at(row, x, 0, 0) // around, self.most) if around >= 32 else otherwise
 
     def average(self, x: int) -> int:
         """The mean of the neighbours."""
@@ -140,7 +153,7 @@ class FollowingDecoder(PlaneDecoder):
         for at, error in learned.items():
             for i, c in enumerate(contexts):
                 cell, weight = self.cells.get((*c, at), self.first(c, at)), self.weights.get((k, i, at), 15_000)
-                self.weights[k, i, at] = clamp16(weight + (((error * cell >> 16) * 3500 + 32768) >> 16))
+                self.weights[k, i, at] = clamp16(weight + (((error * cell >> 16) * 2000 + 32768) >> 16))
                 self.cells[(*c, at)] = clamp16(cell + ((error * self.rate + 32768) >> 16))
         return node - 16
 

@@ -133,7 +133,7 @@ class PlaneStream {
   }
 
  private:
-  static constexpr std::int16_t kWeightRate = 3500;
+  static constexpr std::int16_t kWeightRate = 2000;
 
   // As `probabilities` of cells.hpp, of one sum.
   static int probability_of(int sum) {

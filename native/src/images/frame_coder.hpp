@@ -73,6 +73,8 @@ class FrameCoder {
       others.range = &coders_[form.of]->rows();
       if (form.like != plane) others.like = &coders_[form.like]->rows();
       if (heads_[plane].mate != kNoMate) others.mate = &coders_[heads_[plane].mate]->rows();
+      const std::size_t kin = kin_of(plane);
+      if (kin < plane) others.kin = &coders_[kin]->rows();
       coders_[plane]->begin_row(row, values[plane], others);
     }
     // Each plane is one cell behind the one before: their streams wait for each other as little as can be.
@@ -83,6 +85,17 @@ class FrameCoder {
   PlaneCoder<Coder, Effort>& operator[](std::size_t plane) { return *coders_[plane]; }
 
  private:
+  // The plane's own number if there is none.
+  std::size_t kin_of(std::size_t plane) const {
+    const PlaneForm& form = heads_[plane].plan.form;
+    if (form.role != PlaneRole::Attribute || heads_[plane].mate != kNoMate) return std::min(plane, heads_[plane].mate);
+    std::size_t kin = 0;
+    while (kin < plane && (heads_[kin].plan.form.role != PlaneRole::Attribute || heads_[kin].plan.form.of != form.of ||
+                           heads_[kin].plan.way == PlaneWay::Constant))
+      ++kin;
+    return kin;
+  }
+
   std::size_t columns_;
   std::vector<PlaneHead> heads_;
   std::vector<std::unique_ptr<PlaneCoder<Coder, Effort>>> coders_;

@@ -60,7 +60,7 @@ class PlaneCoder {
       return;
     }
     if (row > 0) next_row();
-    rate_ = static_cast<std::int16_t>(kRate + kFirstRate / static_cast<int>(++models_.rows));
+    rate_ = static_cast<std::int16_t>(std::min(kMostRate, kRate + kFirstRate / static_cast<int>(++models_.rows)));
     stream_.make_room(static_cast<std::size_t>(columns_) * kMostDecisions);
   }
 
@@ -75,7 +75,7 @@ class PlaneCoder {
   }
 
  private:
-  static constexpr int kRate = kFollows ? 330 : 450, kFirstRate = 1500;
+  static constexpr int kRate = kFollows ? 100 : 450, kFirstRate = kFollows ? 10'000 : 1500, kMostRate = 1950;
   static constexpr int kEqualRate = 2500, kHasRate = 1800;
   static constexpr std::size_t kMostDecisions = 64;
   static constexpr std::size_t kSpreadWays = Models::kSpreadWays;
@@ -223,6 +223,8 @@ class PlaneCoder {
       const std::int32_t* was = rows_.was[0] + x;
       p[6] = was[0] != kNothing ? was[0] : average;
       p[7] = was[0] != kNothing && was[-1] != kNothing ? near.left + was[0] - was[-1] : p[6];
+      if constexpr (Attribute)
+        if (others_.kin != nullptr) p[7] = others_.kin->in_proportion(x, row_ == 0, average, plan_.most, p[7]);
     }
     Guess guess{};
     PerPrediction sums{};

@@ -1,5 +1,6 @@
 // How a plane is coded, and what planes see of each other.
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
@@ -36,6 +37,18 @@ struct PlaneRows {
         had(columns),
         equalled(columns) {}
 
+  // What a cell of another plane would be that is to the mean of its neighbours as this plane's is to its own;
+  // `otherwise` where these are too small to tell.
+  std::int32_t in_proportion(std::ptrdiff_t x, bool first_row, std::int32_t mean, std::int32_t most,
+                             std::int32_t otherwise) const {
+    const std::int32_t *here = value[0] + x, *above = value[1] + x;
+    const std::int64_t around =
+        first_row ? std::int64_t{8} * here[-1]
+                  : std::int64_t{2} * here[-1] + 2 * above[0] + above[1] + above[-1] + here[-2] + value[2][x];
+    if (around < 32) return otherwise;
+    return static_cast<std::int32_t>(std::min<std::int64_t>(std::int64_t{8} * mean * here[0] / around, most));
+  }
+
   Rows<std::int32_t, 3> value;  // a range plane has something likely where there is no return
   Rows<std::int32_t, 2> error;  // how far off the expectation was
   Rows<std::uint8_t, 3> has;    // of a range plane: has a return
@@ -49,11 +62,13 @@ struct PlaneRows {
   Rows<std::uint8_t, 1> had, equalled;
 };
 
-// Planes that a plane looks at; null if there is none. mate: an attribute that it often is in proportion to.
+// Planes that a plane looks at; null if there is none. mate: an attribute that it often is in proportion to; kin: the
+// mate, or else the first attribute of the same returns.
 struct OtherPlanes {
   const PlaneRows* range = nullptr;
   const PlaneRows* like = nullptr;
   const PlaneRows* mate = nullptr;
+  const PlaneRows* kin = nullptr;
 };
 
 }  // namespace lidarcodec
