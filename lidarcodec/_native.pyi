@@ -270,6 +270,9 @@ class PlaneMemory:
         shift: NDArray[numpy.int32],
         step: int,
         runs: NDArray[numpy.uint32],
+        beams: NDArray[numpy.int32],
+        azimuth: NDArray[numpy.uint16],
+        metre: float,
     ) -> bytes: ...
     def decode(
         self, data: bytes, columns: int, forms: NDArray[numpy.uint8], shift: NDArray[numpy.int32], step: int

@@ -18,7 +18,7 @@ fi
 core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers
       images/coder images/following images/heads mask/align mask/coder mask/places mask/stream motion/fixed_angle
       motion/range_history motion/warp motion/warp_surface network/net network/update network/weight_file pco/groups pco/pco
-      planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
+      plane_motion/directions plane_motion/finder plane_motion/moved planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
       predictive/write ranges/activity sensors/block_model sensors/json sensors/model sensors/model_tables sensors/ouster
       sensors/ouster_metadata sensors/velodyne session/history session/lattice session/message session/outside session/planes
       session/ranges session/sensor session/session session/shelf session/frames/described_sensor session/frames/image_frame session/frames/plane_section

@@ -145,7 +145,7 @@ class PlaneContent:
         sent = sent_planes(frame, layout, AttributeQuality.of(stream))
         reduced = frame.keep is not None
         shift, azimuth = shift_of(frame), sent_azimuth(frame)
-        following = None if self._before is None else self._before.following(azimuth)
+        following = None if self._before is None else self._before.following(frame, azimuth)
         return encode_plane_section(
             self._kind, sent.forms, sent.planes, shift, step, sent.tables, reduced=reduced, following=following
         )

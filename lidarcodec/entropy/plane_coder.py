@@ -6,7 +6,7 @@ Works on all cells, with a return or without: sensors send attributes of both.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,16 @@ def decode_planes(
     return _by_name(forms, ordered, images, step)
 
 
+class SensorView(NamedTuple):
+    """Where a sensor looks. beams: (H, 2) int32, from the top down, how far the beam of each row is up from the horizon
+    and, clockwise, aside from the direction of its column, in steps of 2^-20 of a turn; azimuth: (W,) uint16, direction
+    of each column, 0.01 degree, clockwise; metre: ranges in a metre."""
+
+    beams: npt.NDArray[np.int32]
+    azimuth: npt.NDArray[np.uint16]
+    metre: float
+
+
 class PlaneMemory:
     """What a stream of planes remembers from frame to frame: probabilities, and the frame before. An encoder and a
     decoder have one each; they agree after each frame. A call that raises leaves it empty."""
@@ -91,18 +101,31 @@ class PlaneMemory:
         shift: npt.NDArray[np.int32],
         step: int = 1,
         runs: npt.NDArray[np.uint32] | None = None,
+        view: SensorView | None = None,
     ) -> bytes:
         """Bytes of the next frame; all else as of `encode_planes`.
 
         runs: (N, 2), numbers of neighbouring columns, and their first column in the frame before; together all columns.
         None: the frame before is not looked at. Of no effect where other planes, or rows, begin.
+        view: with it the frame before is moved as the sensor moved, where that helps. Beams that do not fall from row
+        to row, or are steeper than 68 degrees, are of no effect.
 
         Raises SettingsError if shapes, bits, forms and runs do not fit together.
         """
         ordered = in_order(forms)
         images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
         given = np.zeros((0, 2), np.uint32) if runs is None else np.ascontiguousarray(runs, np.uint32)
-        return self._native.encode(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, given)
+        beams, azimuth, metre = view or _NO_VIEW
+        return self._native.encode(
+            images,
+            form_table(ordered),
+            np.ascontiguousarray(shift, np.int32),
+            step,
+            given,
+            np.ascontiguousarray(beams, np.int32),
+            np.ascontiguousarray(azimuth, np.uint16),
+            metre,
+        )
 
     def decode(
         self, data: bytes, columns: int, forms: Sequence[PlaneForm], shift: npt.NDArray[np.int32], step: int = 1
@@ -111,6 +134,9 @@ class PlaneMemory:
         ordered = in_order(forms)
         images = self._native.decode(data, columns, form_table(ordered), np.ascontiguousarray(shift, np.int32), step)
         return _by_name(forms, ordered, images, step)
+
+
+_NO_VIEW = SensorView(np.zeros((0, 2), np.int32), np.zeros(0, np.uint16), 0.0)
 
 
 def _by_name(

@@ -11,7 +11,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy.plane_coder import PlaneMemory
+from lidarcodec.entropy.plane_coder import PlaneMemory, SensorView
+from lidarcodec.frame import Frame
+from lidarcodec.planes.beam_directions import BeamBook
 from lidarcodec.planes.plane_section import Following
 from lidarcodec.units import AZIMUTH_TURN
 
@@ -64,6 +66,7 @@ class SentBefore:
         self._memory: Final = PlaneMemory()
         self._last: int | None = None
         self._azimuth: Azimuths | None = None
+        self._beams: Final = BeamBook()
 
     def begin(self, *, alone: bool) -> int | None:
         """Index of the frame that the next one needs, or None. A frame that is not `taken` later begins from nothing.
@@ -76,10 +79,12 @@ class SentBefore:
             self._azimuth = None
         return needs
 
-    def following(self, azimuth: Azimuths) -> Following:
+    def following(self, frame: Frame, azimuth: Azimuths) -> Following:
         """What the planes of the frame follow. azimuth: (W,) of the columns that are sent."""
         before, self._azimuth = self._azimuth, azimuth.copy()
-        return Following(self._memory, None if before is None else runs_between(before, azimuth))
+        beams = self._beams.of(frame)
+        view = None if beams is None else SensorView(beams, azimuth, 1 / frame.sensor.range_step_m)
+        return Following(self._memory, None if before is None else runs_between(before, azimuth), view)
 
     def take(self, index: int) -> None:
         """The frame of this index was coded."""

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.entropy.plane_coder import PlaneMemory, encode_planes
+from lidarcodec.entropy.plane_coder import PlaneMemory, SensorView, encode_planes
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
@@ -70,10 +70,11 @@ class PlaneHead(NamedTuple):
 
 
 class Following(NamedTuple):
-    """What a frame follows: the memory of its stream, and `runs` as of `PlaneMemory.encode`."""
+    """What a frame follows: the memory of its stream, and `runs` and `view` as of `PlaneMemory.encode`."""
 
     memory: PlaneMemory
     runs: npt.NDArray[np.uint32] | None = None
+    view: SensorView | None = None
 
 
 def encode_plane_section(
@@ -115,8 +116,8 @@ def encode_plane_section(
         data = b"".join(parts)
         return bytes(out) + (data if kind == PlaneKind.PLAIN else compress(data, _LEVEL))
     if kind == PlaneKind.FOLLOWING:
-        memory, runs = following or Following(PlaneMemory())
-        return bytes(out) + memory.encode(forms, planes, shift, step, runs)
+        memory, runs, view = following or Following(PlaneMemory())
+        return bytes(out) + memory.encode(forms, planes, shift, step, runs, view)
     return bytes(out) + encode_planes(forms, planes, shift, step, quick=kind == PlaneKind.QUICK)
 
 

@@ -53,6 +53,17 @@ std::vector<lc::ColumnRun> runs_of(const In<std::uint32_t, 2>& runs) {
   return found;
 }
 
+// beams: (H, 2) up and aside; of no rows: nothing is known.
+lc::SensorView view_of(const In<std::int32_t, 2>& beams, const In<std::uint16_t, 1>& azimuth, double metre) {
+  if (beams.shape(1) != 2) throw lc::Error(lc::ErrorCode::Settings, "beams are (H, 2)");
+  lc::SensorView view{{}, {azimuth.data(), azimuth.data() + azimuth.size()}, metre};
+  for (std::size_t row = 0; row < beams.shape(0); ++row) {
+    view.beams.up.push_back(beams.data()[2 * row]);
+    view.beams.aside.push_back(beams.data()[2 * row + 1]);
+  }
+  return view;
+}
+
 }  // namespace
 
 void bind_planes(nb::module_& m) {
@@ -97,23 +108,26 @@ void bind_planes(nb::module_& m) {
       .def(
           "encode",
           [](lc::PlaneMemory& memory, const std::vector<In<std::uint32_t, 2>>& planes, In<std::uint8_t, 2> forms,
-             In<std::int32_t, 1> shift, std::uint32_t step, In<std::uint32_t, 2> runs) {
+             In<std::int32_t, 1> shift, std::uint32_t step, In<std::uint32_t, 2> runs, In<std::int32_t, 2> beams,
+             In<std::uint16_t, 1> azimuth, double metre) {
             const lc::PlaneFrame frame =
                 frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
             lc::check_frame(frame);
             const std::vector<lc::PlaneImage> images = images_of(planes, frame);
             const std::vector<lc::ColumnRun> found = runs_of(runs);
+            const lc::SensorView view = view_of(beams, azimuth, metre);
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = lc::encode_next_planes(memory, frame, images, found);
+              data = lc::encode_next_planes(memory, frame, images, found, view);
             }
             return give_bytes(data);
           },
           nb::arg("planes").noconvert(), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
-          nb::arg("runs").noconvert(),
+          nb::arg("runs").noconvert(), nb::arg("beams").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("metre"),
           "Bytes of the next frame. runs: (N, 2) uint32, numbers of columns and their first column in the frame "
-          "before.")
+          "before; beams: (H, 2) int32, up and aside in steps of 2^-20 of a turn, (0, 2): unknown; azimuth: (W,), 0.01 "
+          "degree; metre: ranges in a metre.")
       .def(
           "decode",
           [](lc::PlaneMemory& memory, nb::bytes data, std::size_t columns, In<std::uint8_t, 2> forms,

@@ -80,6 +80,19 @@ std::vector<ColumnRun> runs_of(Numbers& numbers, std::size_t columns, std::size_
   return runs;
 }
 
+// A sensor that looks a turn around.
+lidarcodec::SensorView view_of(const PlaneFrame& frame) {
+  lidarcodec::SensorView view;
+  for (std::size_t row = 0; row < frame.rows; ++row) {
+    view.beams.up.push_back(40'000 - 9'000 * static_cast<std::int32_t>(row));
+    view.beams.aside.push_back(3'000 * static_cast<std::int32_t>(row % 3));
+  }
+  for (std::size_t x = 0; x < frame.columns; ++x)
+    view.azimuth.push_back(static_cast<std::uint16_t>(x * 36'000 / frame.columns));
+  view.metre = 100;
+  return view;
+}
+
 void decode_any(PlaneMemory& memory, const std::vector<std::uint8_t>& data, const PlaneFrame& frame) {
   try {
     for (const PlaneImage& image : lidarcodec::decode_next_planes(memory, data.data(), data.size(), frame))
@@ -100,7 +113,7 @@ void check_stream(PlaneFrame frame, const std::vector<std::uint8_t>& rest, std::
     }
     const std::vector<PlaneImage> images = images_of(frame, numbers, kind);
     const std::vector<ColumnRun> runs = runs_of(numbers, frame.columns, there.columns());
-    std::vector<std::uint8_t> coded = lidarcodec::encode_next_planes(there, frame, images, runs);
+    std::vector<std::uint8_t> coded = lidarcodec::encode_next_planes(there, frame, images, runs, view_of(frame));
     if ((kind & 32u) != 0 && number > 0) {  // a frame with a byte changed
       coded[numbers.next(2) % coded.size()] ^= static_cast<std::uint8_t>(1u + numbers.next(1));
       if ((kind & 128u) != 0) coded.resize(numbers.next(2) % (coded.size() + 1));

@@ -9,6 +9,7 @@ import pytest
 from lidarcodec.entropy import plane_coder
 from lidarcodec.entropy.plane_coder import PlaneMemory, Unsigned, encode_planes
 from lidarcodec.errors import DecodeError, SectionError, SettingsError
+from tests.entropy.driven import DRIVEN, driven
 from tests.entropy.test_plane_coder import DUAL, FRAMES, Form, every_way, noise, rounded, scene
 from tests.reference import planes as reference
 
@@ -107,3 +108,25 @@ def test_runs_that_do_not_fit_are_refused(runs: list[list[int]]) -> None:
     memory.encode(DUAL, planes, shift)
     with pytest.raises(SettingsError, match="runs of columns"):
         memory.encode(DUAL, planes, shift, 1, np.array(runs, np.uint32))
+
+
+def test_a_sensor_that_drives_sees_the_frame_before_from_its_place() -> None:
+    step = 3
+    ordered = plane_coder.in_order(DRIVEN)
+    table = [reference.Form(*map(int, row)) for row in plane_coder.form_table(ordered)]
+    there, still, back, by_page = PlaneMemory(), PlaneMemory(), PlaneMemory(), reference.Memory()
+    rows, columns = 8, 120
+    shift, sizes = np.zeros(rows, np.int32), []
+    for number in range(3):
+        planes, view = driven(number)
+        runs = np.array([[columns, 0]], np.uint32) if number else None
+        data = there.encode(DRIVEN, planes, shift, step, runs, view)
+        sizes.append((len(data), len(still.encode(DRIVEN, planes, shift, step, runs))))
+        found = back.decode(data, columns, DRIVEN, shift, step)
+        expected = reference.decode_next(by_page, data, (rows, columns), table, shift.tolist(), step)
+        assert (by_page.view.motion is not None) == (number > 0)
+        for form, image in zip(ordered, expected, strict=True):
+            wanted = planes[form.name] if form.role == "attribute" else rounded(planes[form.name], step, form.bits)
+            np.testing.assert_array_equal(found[form.name], wanted)
+            np.testing.assert_array_equal(image, wanted)
+    assert sizes[2][0] < 0.95 * sizes[2][1]

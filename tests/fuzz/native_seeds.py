@@ -18,6 +18,7 @@ from lidarcodec import _native
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.entropy import encode_azimuth, fast, plane_coder
+from lidarcodec.entropy.varint import put_signed, put_varint
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
 from tests.fuzz import extremes, session_seeds
 from tests.fuzz.inside_others import damaged_json
@@ -312,6 +313,16 @@ _PLANE_KINDS = ((0, 19), (4, 19), (2, 7), (38, 7), (2, 15))
 """Role, likeness and range plane of each of them, and its bits, as fuzz_images reads them."""
 
 
+def _moved(following: bytes, columns: int) -> bytes:
+    """A frame after another one of as many columns, by a sensor that drove ahead and turned a little."""
+    directions = bytearray([6])
+    for number in (1 << 30, 1, columns - 1, (1 << 32) // columns >> 5):
+        put_varint(directions, number)
+    for part in (-90, 40, 600, -5700, 3, -8):
+        put_signed(directions, part)
+    return following[:4] + bytes(directions) + following[5:]
+
+
 def planes(rng: np.random.Generator) -> Iterator[bytes]:
     """For fuzz_images: a dual frame as it is coded, of all sizes and steps, alone and after another, and numbers to be
     coded."""
@@ -329,7 +340,10 @@ def planes(rng: np.random.Generator) -> Iterator[bytes]:
                 if step > 1 or most < 2**20:  # a frame after another, as it is coded
                     memory, runs = plane_coder.PlaneMemory(), np.array([[columns, 0]], np.uint32)
                     memory.encode(_PLANES, images, shift, step)
-                    yield bytes([64 + 16]) + head[1:] + memory.encode(_PLANES, images, shift, step, runs[: columns > 0])
+                    following = memory.encode(_PLANES, images, shift, step, runs[: columns > 0])
+                    yield bytes([64 + 16]) + head[1:] + following
+                    if rows > 1 and columns > 1:
+                        yield bytes([64 + 16]) + head[1:] + _moved(following, columns)
                 for kind in (1, 2 + 8, 16, 16 + 32 + 4, 64, 64 + 4 + 8, 64 + 32, 64 + 32 + 128):
                     yield bytes([kind]) + head[1:] + rng.integers(0, min(most, 256), 200, np.uint8).tobytes()
 

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy.plane_coder import PlaneMemory, Unsigned, decode_planes, encode_planes
+from lidarcodec.entropy.plane_coder import PlaneMemory, SensorView, Unsigned, decode_planes, encode_planes
+from tests.entropy.driven import DRIVEN, driven
 
 FILE = Path(__file__).parent / "planes.bin"
 SHIFT = np.array([0, 3, -2, 3, 0, 3], np.int32)
@@ -61,13 +62,26 @@ def frame(number: int) -> dict[str, Unsigned]:
 
 
 def stored() -> list[bytes]:
-    """Coded frames: one alone, one quick, then a stream of four."""
-    memory = PlaneMemory()
+    """Coded frames: one alone, one quick, then a stream of four, and one of a sensor that drives."""
+    memory, drive = PlaneMemory(), PlaneMemory()
     coded = [encode_planes(FORMS, frame(0), SHIFT, quick=quick) for quick in (False, True)]
-    return coded + [
-        memory.encode(FORMS, frame(number), SHIFT, step, runs)
-        for number, (runs, step) in enumerate(zip(RUNS, STEPS, strict=True))
-    ]
+    return (
+        coded
+        + [
+            memory.encode(FORMS, frame(number), SHIFT, step, runs)
+            for number, (runs, step) in enumerate(zip(RUNS, STEPS, strict=True))
+        ]
+        + [drive.encode(DRIVEN, *driven_frame(number)) for number in range(3)]
+    )
+
+
+def driven_frame(
+    number: int,
+) -> tuple[dict[str, Unsigned], npt.NDArray[np.int32], int, npt.NDArray[np.uint32], SensorView]:
+    """Planes, shift, step, runs and view of a frame of the drive."""
+    planes, view = driven(number)
+    rows, columns = planes["range"].shape
+    return planes, np.zeros(rows, np.int32), 1, np.array([[columns, 0]], np.uint32), view
 
 
 def read() -> list[bytes]:
@@ -90,6 +104,7 @@ def test_planes_of_this_version_are_read() -> None:
     if os.environ.get("LIDARCODEC_GOLDEN") == "write" and not FILE.exists():
         FILE.write_bytes(b"".join(len(one).to_bytes(4, "little") + one for one in stored()))
     alone, quick, *stream = read()
+    stream, drive = stream[:4], stream[4:]
     memory = PlaneMemory()
     found = [decode_planes(one, 100, FORMS, SHIFT) for one in (alone, quick)]
     found += [memory.decode(one, 100, FORMS, SHIFT, step) for one, step in zip(stream, STEPS, strict=True)]
@@ -98,3 +113,9 @@ def test_planes_of_this_version_are_read() -> None:
         for form in FORMS:
             wanted = planes[form.name] if form.role == "attribute" else in_steps(planes[form.name], step)
             np.testing.assert_array_equal(came[form.name], wanted)
+    memory = PlaneMemory()
+    for number, data in enumerate(drive):
+        planes, shift, *_ = driven_frame(number)
+        came = memory.decode(data, planes["range"].shape[1], DRIVEN, shift)
+        for form in DRIVEN:
+            np.testing.assert_array_equal(came[form.name], planes[form.name])

@@ -53,3 +53,14 @@ class Far:
     def __init__(self) -> None:
         self.longer = [BitModel() for _ in range(22)]
         self.high = [[BitModel() for _ in range(4)] for _ in range(23)]
+
+
+def read_varint(data: bytes, at: int) -> tuple[int, int]:
+    """A varint, and where it ends."""
+    value = shift = 0
+    while True:
+        byte, at = data[at], at + 1
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return value, at

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from tests.reference.intensity import WideReader
 from tests.reference.plane_cells import ATTRIBUTE, CONSTANT, SPARSE, Form, Ints, PlaneDecoder
 from tests.reference.plane_following import NOTHING, FollowingDecoder, Trace
+from tests.reference.plane_motion import Moved, View
+from tests.reference.plane_rows import read_varint
 
 __all__ = ["Form", "Head", "Memory", "decode", "decode_next", "read_heads"]
 
@@ -22,17 +24,6 @@ class Head(NamedTuple):
     constant: int
     mate: int
     size: int
-
-
-def read_varint(data: bytes, at: int) -> tuple[int, int]:
-    """A varint, and where it ends."""
-    value = shift = 0
-    while True:
-        byte, at = data[at], at + 1
-        value |= (byte & 127) << shift
-        shift += 7
-        if byte < 128:
-            return value, at
 
 
 def read_heads(data: bytes, forms: list[Form], at: int = 1) -> tuple[list[Head], int]:
@@ -66,6 +57,7 @@ class Memory:
         self.of: tuple[int, list[Form]] | None = None
         self.planes: list[FollowingDecoder] = []
         self.traces: list[list[list[Trace]]] = []
+        self.view = View()
 
 
 def decode_next(
@@ -81,6 +73,12 @@ def decode_next(
         columns, at = read_varint(data, at)
         first, at = read_varint(data, at)
         places += [(first + i) % len(memory.traces[0][0]) for i in range(columns)]
+    at = memory.view.read(data, at, *shape)
+    moved: dict[int, dict[tuple[int, int], Moved]] = {}
+    for number, form in enumerate(forms) if memory.view.motion else ():
+        if form.role != ATTRIBUTE:
+            means = [[trace.mean for trace in row] for row in memory.traces[number]]
+            moved[number] = memory.view.moved(means, 8 * ((1 << form.bits) - 1))
     heads, at = read_heads(data, forms, at)
     planes = []
     for number, (form, head) in enumerate(zip(forms, heads, strict=True)):
@@ -90,6 +88,9 @@ def decode_next(
         if head.way != CONSTANT:
             planes[-1].begin(WideReader(data[at : at + head.size]))
         at += head.size
+        kin = [of for of, one in enumerate(forms[:number]) if one.role == ATTRIBUTE and one.of == form.of]
+        kin = [head.mate] if head.mate != 255 else [of for of in kin if heads[of].way != CONSTANT]
+        planes[-1].kin = planes[kin[0]] if kin else None
     assert at == len(data)
     images = [np.zeros(shape, np.int64) for _ in forms]
     traces = [[[Trace()] * shape[1] for _ in range(shape[0])] for _ in forms]
@@ -97,7 +98,12 @@ def decode_next(
         for number, (form, plane, head) in enumerate(zip(forms, planes, heads, strict=True)):
             plane.start_row(row)
             for x in range(shape[1]) if places else ():
-                trace = memory.traces[number][row][places[(x - shift[row]) % shape[1]]]
+                column = (x - shift[row]) % shape[1]
+                trace = memory.traces[number][row][places[column]]
+                of = moved.get(number if form.role != ATTRIBUTE else form.of, {}).get((row, column))
+                if of is not None:
+                    trace = memory.traces[number][of.source[0]][of.source[1]]
+                    trace = trace._replace(mean=of.mean) if form.role != ATTRIBUTE else trace
                 expected = number_of(form, head, step, (trace.mean + 4) // 8)
                 plane.traces[x] = trace
                 plane.was[x] = NOTHING if form.role != ATTRIBUTE and trace.mean == 0 else expected

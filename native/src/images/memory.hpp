@@ -3,11 +3,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "images/forms.hpp"
 #include "images/models.hpp"
+#include "plane_motion/directions.hpp"
+#include "plane_motion/motion.hpp"
 
 namespace lidarcodec {
 
@@ -48,6 +51,12 @@ class PlaneMemory {
     traces_ = std::move(traces);
     columns_ = columns;
   }
+
+  // Where the beams look, where the columns of the frame before look, and how the sensor moved up to it, as far as they
+  // are known.
+  PlaneBeams beams;
+  PlaneColumns directions;
+  std::optional<PlaneMotion> motion;
 
  private:
   std::size_t rows_ = 0, columns_ = 0;
