@@ -43,7 +43,7 @@ class FollowingDecoder(PlaneDecoder):
         super().start_row(row)
         if self.way != CONSTANT:
             self.rows_done += 1
-            self.rate = min(1950, 100 + 10_000 // self.rows_done)
+            self.rate = 60 + 128_000 // (self.rows_done + 512) + 1500 // self.rows_done
 
     def seen(self, x: int) -> tuple[int, Trace]:
         """What the frame before has at a column."""

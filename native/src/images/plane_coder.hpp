@@ -60,7 +60,8 @@ class PlaneCoder {
       return;
     }
     if (row > 0) next_row();
-    rate_ = static_cast<std::int16_t>(std::min(kMostRate, kRate + kFirstRate / static_cast<int>(++models_.rows)));
+    const auto done = static_cast<int>(++models_.rows);
+    rate_ = static_cast<std::int16_t>(kFirstRate / done + (kFollows ? 60 + 128'000 / (done + 512) : 450));
     stream_.make_room(static_cast<std::size_t>(columns_) * kMostDecisions);
   }
 
@@ -75,7 +76,7 @@ class PlaneCoder {
   }
 
  private:
-  static constexpr int kRate = kFollows ? 100 : 450, kFirstRate = kFollows ? 10'000 : 1500, kMostRate = 1950;
+  static constexpr int kFirstRate = 1500;
   static constexpr int kEqualRate = 2500, kHasRate = 1800;
   static constexpr std::size_t kMostDecisions = 64;
   static constexpr std::size_t kSpreadWays = Models::kSpreadWays;
