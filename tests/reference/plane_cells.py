@@ -6,15 +6,15 @@ from collections import defaultdict
 from typing import Final, NamedTuple
 
 from tests.reference.intensity import ONE, WideReader, clamp16, probability_of
-from tests.reference.plane_rows import Far, Row, clamp, ql, toward_zero
+from tests.reference.plane_proportion import Proportion
+from tests.reference.plane_rows import Far, Row, clamp, first_cell, ql, toward_zero
 from tests.reference.range_coder import BitModel
 
 RANGE, SECOND, ATTRIBUTE = range(3)
 CONSTANT, NUMBERS, SYMBOLS, SPARSE = range(4)
-WEIGHTS: Final = (64, 40, 25, 15, 9, 6, 4, 2, 1, 1, 1, 0, 0, 0, 0, 0)
+WEIGHTS: Final = (64, 42, 26, 15, 10, 6, 3, 2, 1, 0)
 FIRST_BIN: Final = (0, -34, -18, -10, -6, -4, -2, -1, 0, 1, 2, 3, 5, 7, 11, 19)
 LEAF_BITS: Final = (0, 4, 3, 2, 1, 1, 0, 0, 0, 0, 0, 1, 1, 2, 3, 0)
-FIRST_ODDS: Final = (0, 1826, 5499, -5665, 6104, 796, -3728, -3351, -4931, 2735, 2825, 2024, -3972, 1449, 58, -1768)
 
 Ints = list[int]
 
@@ -31,7 +31,7 @@ class Form(NamedTuple):
 class PlaneDecoder:
     """One plane. `cell` gives its numbers in order."""
 
-    PREDICTIONS, RATIO_BITS = 6, 4
+    PREDICTIONS = 6
 
     def __init__(self, form: Form, width: int, way: int, constant: int, most: int, *, quick: bool) -> None:
         self.form, self.way, self.constant, self.most, self.quick = form, way, constant, most, quick
@@ -47,8 +47,8 @@ class PlaneDecoder:
         self.cells: dict[tuple[object, ...], int] = {}
         self.spread: dict[tuple[int, int], int] = {}
         self.bias: dict[tuple[int, int], int] = defaultdict(int)
-        self.ratio: dict[int, int] = defaultdict(int)
-        self.ratio_last = 0
+        self.proportion = Proportion()
+        self.run = 0
         self.last, self.before = [0, 0], [0, 0]
         self.nearer = [BitModel(), BitModel()]
         self.far = [[Far(), Far()], [Far(), Far()]]
@@ -62,6 +62,7 @@ class PlaneDecoder:
         """Go on to a row."""
         self.row = row
         self.rate = 450 + 1500 // (row + 1)
+        self.proportion.cells = 0
         if row and self.way != CONSTANT:
             for kept in (self.v, self.e, self.h, self.q, *self.errors):
                 kept.start()
@@ -86,32 +87,15 @@ class PlaneDecoder:
         for _ in range(levels):
             x = 0
             for c in contexts:
-                x = clamp16(x + self.cells.get((*c, node), self.first(c, node)))
+                x = clamp16(x + self.cells.get((*c, node), first_cell(c, node)))
             p = probability_of(x)
             bit = self.stream.bit(0, p)
             learned[node] = ((ONE * bit - p) * self.rate + 32768) >> 16
             node = 2 * node + bit
         for at, by in learned.items():
             for c in contexts:
-                self.cells[(*c, at)] = clamp16(self.cells.get((*c, at), self.first(c, at)) + by)
+                self.cells[(*c, at)] = clamp16(self.cells.get((*c, at), first_cell(c, at)) + by)
         return node - (1 << levels)
-
-    @staticmethod
-    def first(context: tuple[object, ...], node: int) -> int:
-        """What a cell begins with."""
-        if context[0] == "n0":
-            return FIRST_ODDS[node]
-        if context[0] != "s0":
-            return 0
-        _, guess, _, high = context
-        assert isinstance(guess, int)
-        level = node.bit_length() - 1
-        way = node - (1 << level)
-        if high is not None:
-            assert isinstance(high, int)
-            way, level = (high << level) + way, level + 4
-        half = 1 << (8 - level)
-        return toward_zero(clamp(8 * guess + 4 - (2 * way + 1) * half, -half, half) * 21845, 256)
 
     def plain(self, bits: int) -> int:
         """Plain bits."""
@@ -141,6 +125,10 @@ class PlaneDecoder:
             return self.constant
         row, attribute = self.row, self.form.role == ATTRIBUTE
         has = of.h.at(row, x, 0, 0) if attribute else 1
+        if self.way == SPARSE and self.runs(x):
+            self.q.rows[0][x] = 1
+            self.known(x, self.constant, has, None)
+            return self.constant
         if self.way == SPARSE or like:
             same = self.constant
             if self.way != SPARSE:
@@ -162,6 +150,17 @@ class PlaneDecoder:
             self.known(x, 0, 0, like)
             return 0
         return self.number(x, has, of, mate)
+
+    def runs(self, x: int) -> bool:
+        """Whether the cell is of a run of the constant."""
+        row, q = self.row, self.q
+        if x == 0:
+            self.run = 0
+        above = [q.at(row, x, i, 1) for i in range(16)]
+        if row and x % 16 == 0 and x + 16 <= q.width and q.at(row, x, -1, 0) and all(above):
+            around = q.at(row, x, -2, 0) + 2 * q.at(row, x, -1, 1) + 4 * q.at(row, x, 16, 1)
+            self.run = x + 16 * self.odds([("r", around)], 2500)
+        return x < self.run
 
     def has(self, x: int) -> int:
         """Whether there is a return."""
@@ -223,7 +222,7 @@ class PlaneDecoder:
         places = ((0, 1), (-1, 0), (1, 1), (-1, 1), (-2, 0), (0, 2))
         near = [self.v.at(row, x, i, up) for i, up in places]
         above, left, right, corner = near[:4]
-        p, turn, c = self.predictions(x, has, near, of, mate)
+        p, turn = self.predictions(x, has, near, of, mate)
         least, guess = self.guess(x, p, left, above, corner, mate)
         bias = (min(63, least), turn)
         eighths = clamp(guess + (self.bias[bias] >> 8), 0, 8 * most)
@@ -241,7 +240,9 @@ class PlaneDecoder:
         if self.way == SYMBOLS:
             n = self.symbol(x, has, turn, expected, ql(spread), p[5], of, mate)
         else:
-            contexts = self.contexts(x, (k, spread, share), (eighths, expected), (turn, has, calm), near, of, mate)
+            contexts = self.contexts(
+                x, (k, spread, share), (eighths, expected), (turn, has, calm), near, p[3], of, mate
+            )
             leaf = self.leaf_of(x, contexts, (k, expected, calm), p, of)
             n = self.within(leaf, k, start, near) if 0 < leaf < 15 else self.beyond(leaf == 15, k, start, near)
         assert (0 if attribute else 1) <= n <= most
@@ -250,41 +251,37 @@ class PlaneDecoder:
         wrong = abs(n - expected)
         self.v.rows[0][x], self.e.rows[0][x], self.h.rows[0][x] = n, min(wrong, 1 << 18), 1
         for i, errors in enumerate(self.errors):
-            errors.rows[0][x] = min(abs(n - p[i]), 1 << 20)
+            errors.rows[0][x] = min(abs(n - p[i]), 32767)
         self.spread[at] = spread + toward_zero(min(16 * wrong, 8 * spread + 64) - spread, 16)
         moved = self.bias[bias] + 4 * clamp(8 * n - eighths, -(32 << k), 32 << k)
         self.bias[bias] = clamp(moved, -(1 << 20), 1 << 20)
-        if mate and (t := mate.v.at(row, x, 0, 0)) >= 4:
-            new, old = min(((n << 16) + t // 2) // t, 2**31 - 1), self.ratio[c]
-            self.ratio_last = self.ratio[c] = old + toward_zero(new - old, 4) if old else new
+        if mate:
+            self.proportion.learn(n, mate.v.at(row, x, 0, 0))
         if attribute:
             self.before[has], self.last[has] = self.last[has], n
         return n
 
     def predictions(
         self, x: int, has: int, near: Ints, of: PlaneDecoder, mate: PlaneDecoder | None
-    ) -> tuple[Ints, int, int]:
-        """The six predictions, `turn`, and the class of the range."""
+    ) -> tuple[Ints, int]:
+        """The predictions, and `turn`."""
         row, most, attribute = self.row, self.most, self.form.role == ATTRIBUTE
         above, left, right, corner, second, higher = near
         average = toward_zero(2 * left + 2 * above + right + corner + second + higher + 4, 8)
         p = [left, above, left + above - corner, right, 2 * left - second, average]
-        turn, c = 2 * (above > left) + (right > above), 0
+        turn = 2 * (above > left) + (right > above)
         if attribute:
             h = {(i, up): of.h.at(row, x, i, up) for i, up in ((-1, 0), (0, 1), (1, 1), (-1, 1))}
             turn = has + 2 * h[-1, 0] + 4 * h[0, 1]
             p[3] = average
             if mate:
-                size = 1 << self.RATIO_BITS
-                y = size + (of.v.at(row, x, 0, 0) if has else 0)
-                b = y.bit_length() - self.RATIO_BITS - 1
-                c = min(size * b + (y >> b) - size, 20 * size - 1)
-                p[3] = min((mate.v.at(row, x, 0, 0) * (self.ratio[c] or self.ratio_last) + 32768) >> 16, most)
+                y = of.v.at(row, x, 0, 0) if has else 0
+                p[3] = self.proportion.expect(mate.v.at(row, x, 0, 0), y, most)
             p[4] = toward_zero(2 * left + second + 1, 3) if h[-1, 0] == has else self.last[has]
             p[5] = self.last[has]
             for place, value in (((-1, 1), corner), ((1, 1), right), ((0, 1), toward_zero(above + higher, 2))):
                 p[5] = value if h[place] == has else p[5]
-        return self.more_predictions(x, p), turn, c
+        return self.more_predictions(x, p), turn
 
     def contexts(
         self,
@@ -293,6 +290,7 @@ class PlaneDecoder:
         guess: tuple[int, int],
         about: tuple[int, int, int],
         near: Ints,
+        fit: int,
         of: PlaneDecoder,
         mate: PlaneDecoder | None,
     ) -> list[tuple[object, ...]]:
@@ -314,11 +312,14 @@ class PlaneDecoder:
         else:
             h0 = tuple(self.h.at(row, x, i, up) for i, up in ((-1, 0), (-2, 0), (0, 1), (-1, 1), (1, 1)))
             others, size = (h0, (ql(expected),)), min(255, calm)
+        two, three = (d(right), d(corner)), (d(second), d(higher))
+        if mate:
+            two, three = (d(fit), min(12, ql(mate.v.at(row, x, 0, 0)) // 2)), (d(fit), min(12, k))
         return [
             ("n0", k, fine, eighths % 8 if k == 0 else 0),
             ("n1", d(above), d(left)),
-            ("n2", d(right), d(corner)),
-            ("n3", d(second), d(higher)),
+            ("n2", *two),
+            ("n3", *three),
             ("n4", *others[0]),
             ("n5", *others[1]),
             ("n6", size),
@@ -333,12 +334,12 @@ class PlaneDecoder:
         logs = []
         for errors in self.errors:
             e = errors.at(row, x, -1, 1) + errors.at(row, x, 0, 1) + errors.at(row, x, 1, 1)
-            logs.append(ql(2 * errors.at(row, x, -1, 0) + errors.at(row, x, -2, 0) + e))
+            logs.append(ql(min(65535, 2 * errors.at(row, x, -1, 0) + errors.at(row, x, -2, 0) + e)))
         least = min(logs)
-        weights = [WEIGHTS[min(15, log - least)] for log in logs]
+        weights, base = [WEIGHTS[min(9, log - least)] for log in logs], p[logs.index(least)]
         total = sum(weights)
-        part = sum(w * (y - left) for w, y in zip(weights, p, strict=True))
-        return least, 8 * left + ((part * ((2**24 + total // 2) // total)) >> 21)
+        part = sum(w * clamp16(y - base) for w, y in zip(weights, p, strict=True))
+        return least, 8 * base + ((part * ((2**24 + total // 2) // total)) >> 21)
 
     def within(self, leaf: int, k: int, start: int, near: Ints) -> int:
         """A number of leaf 1 to 14."""

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from tests.reference.intensity import ONE, clamp16, probability_of
 from tests.reference.plane_cells import ATTRIBUTE, CONSTANT, Form, Ints, PlaneDecoder
-from tests.reference.plane_rows import clamp, ql, toward_zero
+from tests.reference.plane_rows import clamp, first_cell, ql, toward_zero
 
 NOTHING: Final = -1
 
@@ -23,8 +23,8 @@ class Trace(NamedTuple):
 class FollowingDecoder(PlaneDecoder):
     """A plane that looks at the frame before. learned: its decoder in the frame before."""
 
-    PREDICTIONS, RATIO_BITS = 8, 6
-    KEPT = ("cells", "spread", "bias", "ratio", "ratio_last", "nearer", "far", "limit_far", "weights", "rows_done")
+    PREDICTIONS = 8
+    KEPT = ("cells", "spread", "bias", "proportion", "nearer", "far", "limit_far", "weights", "rows_done")
 
     def __init__(
         self, form: Form, width: int, way: int, constant: int, most: int, learned: FollowingDecoder | None
@@ -125,7 +125,7 @@ class FollowingDecoder(PlaneDecoder):
             last = ("n10", d(self.same), min(15, calm // 4)) if self.same is not None else ("n10", row % 128)
         more: list[tuple[object, ...]] = [
             ("n7", past(was), past(p[7])),
-            ("n8", past(was), min(15, ql(total >> k) // 2)),
+            ("n8", past(was), min(15, ql(min(total, 65535) >> k) // 2)),
             ("n9", past(self.seen(x - 1)[0]), past(self.seen(x + 1)[0])),
             last,
         ]
@@ -145,14 +145,14 @@ class FollowingDecoder(PlaneDecoder):
             y = 0
             for i, c in enumerate(contexts):
                 weight = self.weights.get((k, i, node), 15_000)
-                y = clamp16(y + (self.cells.get((*c, node), self.first(c, node)) * weight >> 16))
+                y = clamp16(y + (self.cells.get((*c, node), first_cell(c, node)) * weight >> 16))
             p = probability_of(clamp16(2 * clamp16(2 * y)))
             bit = self.stream.bit(0, p)
             learned[node] = ONE * bit - p
             node = 2 * node + bit
         for at, error in learned.items():
             for i, c in enumerate(contexts):
-                cell, weight = self.cells.get((*c, at), self.first(c, at)), self.weights.get((k, i, at), 15_000)
+                cell, weight = self.cells.get((*c, at), first_cell(c, at)), self.weights.get((k, i, at), 15_000)
                 self.weights[k, i, at] = clamp16(weight + (((error * cell >> 16) * 2000 + 32768) >> 16))
                 self.cells[(*c, at)] = clamp16(cell + ((error * self.rate + 32768) >> 16))
         return node - 16

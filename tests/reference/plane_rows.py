@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Final
+
 from tests.reference.range_coder import BitModel
+
+PAGE: Final = Path(__file__).parents[2] / "docs/wire-format-planes.md"
+FIRST_CELLS: Final = [
+    [256 * int(number) for number in line.split()]
+    for line in PAGE.read_text().partition("## First cells")[2].split("```\n")[1].splitlines()
+]
+FIRST_ODDS: Final = (0, 1826, 5499, -5665, 6104, 796, -3728, -3351, -4931, 2735, 2825, 2024, -3972, 1449, 58, -1768)
 
 
 def clamp(x: int, low: int, high: int) -> int:
@@ -19,6 +29,28 @@ def ql(x: int) -> int:
     """Logarithm in quarters of an octave."""
     below = (x + 4).bit_length() - 3
     return 4 * below + ((x + 4) >> below) - 4
+
+
+def first_cell(context: tuple[object, ...], node: int) -> int:
+    """What a cell begins with."""
+    if context[0] == "n0":
+        return FIRST_ODDS[node]
+    if context[0] == "n1":
+        _, above, left = context
+        assert isinstance(above, int)
+        assert isinstance(left, int)
+        return FIRST_CELLS[13 * (above + 6) + left + 6][node - 1]
+    if context[0] != "s0":
+        return 0
+    _, guess, _, high = context
+    assert isinstance(guess, int)
+    level = node.bit_length() - 1
+    way = node - (1 << level)
+    if high is not None:
+        assert isinstance(high, int)
+        way, level = (high << level) + way, level + 4
+    half = 1 << (8 - level)
+    return toward_zero(clamp(8 * guess + 4 - (2 * way + 1) * half, -half, half) * 21845, 256)
 
 
 class Row:

@@ -7,7 +7,7 @@
 #include <numeric>
 
 #include "base/error.hpp"
-#include "images/ratio.hpp"
+#include "images/proportion.hpp"
 #include "images/rows.hpp"
 
 namespace lidarcodec {
@@ -35,16 +35,13 @@ std::size_t mate_of(const PlaneFrame& frame, const std::vector<PlaneNumbers>& al
   std::int64_t least = 0;
   for (std::size_t other = 0; other < plane; ++other) {
     if (!may_be_mates(frame, other, plane) || before[other].plan.way == PlaneWay::Constant) continue;
-    std::array<Ratio, kRatios> ratios{};
-    std::uint32_t last = 0;
+    Proportion proportion;
     std::int64_t gain = 0;
     for (std::size_t i = 1; i < own.size(); i += 7) {
       const std::int32_t mate = all[other][i];
-      if (mate < 4) continue;
-      Ratio& ratio = ratios[ratio_of(ranges[i])];
-      if (ratio.value != 0)
-        gain += error_of(own[i], own[i - 1]) - error_of(own[i], ratio.times(mate, last, 1 << kMostPlaneBits)) - 1;
-      ratio.learn(own[i], mate, last);
+      const std::int32_t fitting = proportion.of(mate, ranges[i], 1 << kMostPlaneBits);
+      if (mate >= 4) gain += error_of(own[i], own[i - 1]) - error_of(own[i], fitting) - 1;
+      proportion.learn(own[i], mate);
     }
     if (gain > least) {
       least = gain;

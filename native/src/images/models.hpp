@@ -7,9 +7,10 @@
 #include <cstring>
 #include <vector>
 
+#include "images/first_cells.hpp"
 #include "images/numbers.hpp"
 #include "images/plane_rows.hpp"
-#include "images/ratio.hpp"
+#include "images/proportion.hpp"
 #include "images/symbols.hpp"
 
 namespace lidarcodec {
@@ -57,6 +58,12 @@ struct PlaneModels {
       cells.resize(2 * std::size_t{total});
       for (std::size_t i = 0; i < kContextSizes[0]; ++i)
         std::memcpy(static_cast<void*>(&cells[2 * i]), kFirstOdds.data(), sizeof kFirstOdds);
+      for (std::size_t i = 0; i < kBesideContexts; ++i) {
+        std::array<Odds, kLeaves> first{};
+        for (std::size_t node = 1; node < kLeaves; ++node)
+          first[node] = static_cast<Odds>(kFirstBeside[15 * i + node - 1] * 256);
+        std::memcpy(static_cast<void*>(&cells[begin[1] + 2 * i]), first.data(), sizeof first);
+      }
     }
     if (way == PlaneWay::Symbols && symbols.empty()) symbols.emplace_back();
   }
@@ -65,13 +72,13 @@ struct PlaneModels {
   std::vector<std::uint32_t> spread;  // mean error in sixteenths, by activity and slope
   std::vector<std::int32_t> bias;
   std::vector<Odds> equal_odds, has_odds;
+  std::array<Odds, 8> run_odds{};
   std::array<std::uint32_t, kContexts> begin{};
   std::vector<Cells> cells;
   NumberCoder numbers;
   std::vector<Cells> weights;  // of the contexts of numbers, by the scale of the bins
   std::vector<SymbolCoder<kSymbolContexts>> symbols;
-  std::vector<Ratio> ratios = std::vector<Ratio>(kFollows ? 4 * kRatios : kRatios);
-  std::uint32_t last_ratio = 0;
+  Proportion proportion;
 
  private:
   static std::uint32_t first_spread(std::size_t activity) {

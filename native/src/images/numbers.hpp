@@ -63,6 +63,14 @@ inline std::uint32_t distance_class(std::int32_t distance, std::uint32_t scale) 
 // Numbers around one.
 struct Near {
   std::int32_t left, above, right_above, left_above, second_left, second_above;
+
+  std::int32_t average() const {
+    return (2 * left + 2 * above + right_above + left_above + second_left + second_above + 4) / 8;
+  }
+  std::uint32_t slope() const {
+    return static_cast<std::uint32_t>(std::abs(left - left_above) + std::abs(above - left_above) +
+                                      std::abs(above - right_above));
+  }
 };
 
 // Bins of 2^scale numbers; bin 0 begins with `start`.

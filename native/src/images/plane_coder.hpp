@@ -18,7 +18,7 @@
 #include "images/models.hpp"
 #include "images/numbers.hpp"
 #include "images/plane_rows.hpp"
-#include "images/ratio.hpp"
+#include "images/proportion.hpp"
 #include "images/rows.hpp"
 #include "images/symbols.hpp"
 
@@ -55,11 +55,13 @@ class PlaneCoder {
     row_ = row;
     values_ = values;
     others_ = others;
+    known_ = 0;
     if (plan_.way == PlaneWay::Constant) {
       if constexpr (kReads) std::fill_n(values, columns_, plan_.constant);
       return;
     }
     if (row > 0) next_row();
+    models_.proportion.next_row();
     const auto done = static_cast<int>(++models_.rows);
     rate_ = static_cast<std::int16_t>(kFirstRate / done + (kFollows ? 60 + 128'000 / (done + 512) : 450));
     stream_.make_room(static_cast<std::size_t>(columns_) * kMostDecisions);
@@ -67,7 +69,8 @@ class PlaneCoder {
 
   // Writes or reads a cell of the row: cells come from the left. Raises Section or Truncated.
   void code(std::ptrdiff_t x) {
-    if (plan_.way == PlaneWay::Constant) return;
+    if (plan_.way == PlaneWay::Constant || x < known_) return;
+    if (plan_.way == PlaneWay::Sparse && x % kSparseRun == 0 && code_run(x)) return;
     if (is_attribute()) {
       code_cell<true>(x);
     } else {
@@ -79,14 +82,9 @@ class PlaneCoder {
   static constexpr int kFirstRate = 1500;
   static constexpr int kEqualRate = 2500, kHasRate = 1800;
   static constexpr std::size_t kMostDecisions = 64;
+  static constexpr std::ptrdiff_t kSparseRun = 16;
   static constexpr std::size_t kSpreadWays = Models::kSpreadWays;
   static constexpr std::size_t kContexts = Models::kContexts;
-
-  // The clamped gradient: the middle one of left, above, and left + above - left_above.
-  static std::int32_t middle_of(std::int32_t left, std::int32_t above, std::int32_t left_above) {
-    const auto [low, high] = std::minmax(left, above);
-    return std::clamp(left + above - left_above, low, high);
-  }
 
   bool is_attribute() const { return plan_.form.role == PlaneRole::Attribute; }
 
@@ -99,7 +97,7 @@ class PlaneCoder {
   }
 
   void next_row() {
-    const PerPrediction* const e = errors_[0];
+    const PredictionErrors* const e = errors_[0];
     const std::int32_t* const off = rows_.error[0];  // the rows done, which are those above from now on
     rows_.value.next(static_cast<std::size_t>(columns_));
     rows_.error.next(static_cast<std::size_t>(columns_));
@@ -111,8 +109,7 @@ class PlaneCoder {
       rows_.has.repeat_last(static_cast<std::size_t>(columns_));
     }
     for (std::ptrdiff_t x = 0; x < columns_; ++x) {
-      if constexpr (!Quick)
-        for (std::size_t i = 0; i < 8; ++i) sums_[x][i] = e[x - 1][i] + e[x][i] + e[x + 1][i];
+      if constexpr (!Quick) sums_[x] = e[x - 1] + e[x] + e[x + 1];
       activity_[x] = 2 * off[x] + off[x + 1] + off[x - 1];
     }
   }
@@ -123,9 +120,26 @@ class PlaneCoder {
     rows_.has[1][x] = rows_.has[1][x + 1] = rows_.has[1][x + 2] = rows_.has[1][x - 1] = rows_.has[2][x] =
         rows_.has[0][x - 1];
     rows_.equal[1][x] = rows_.equal[1][x + 1] = rows_.equal[1][x - 1] = rows_.equal[0][x - 1];
-    if constexpr (!Quick)
-      for (std::size_t i = 0; i < 8; ++i) sums_[x][i] = 3 * errors_[0][x - 1][i];
+    if constexpr (!Quick) sums_[x] = errors_[0][x - 1] + errors_[0][x - 1] + errors_[0][x - 1];
     activity_[x] = 4 * rows_.error[0][x - 1];
+  }
+
+  // Whether the next cells all have the usual value, of a sparse plane, where those above have. They are done then.
+  bool code_run(std::ptrdiff_t x) {
+    const std::uint8_t *here = rows_.equal[0] + x, *above = rows_.equal[1] + x;
+    if (row_ == 0 || x + kSparseRun > columns_ || here[-1] == 0 || std::count(above, above + kSparseRun, 0) > 0)
+      return false;
+    const bool runs =
+        !kReads && std::all_of(values_ + x, values_ + x + kSparseRun, [&](auto n) { return n == plan_.constant; });
+    const std::uint32_t around = here[-2] | above[-1] << 1 | above[kSparseRun] << 2;
+    if (stream_.template by_odds<1>(runs, {&models_.run_odds[around]}, kEqualRate) == 0) return false;
+    known_ = x + kSparseRun;
+    for (; x < known_; ++x) {
+      rows_.equal[0][x] = 1;
+      values_[x] = plan_.constant;
+      take_known(x, plan_.constant, others_.range->has[0][x]);
+    }
+    return true;
   }
 
   template <bool Attribute>
@@ -192,16 +206,13 @@ class PlaneCoder {
   std::int32_t code_number(std::ptrdiff_t x, std::int32_t value, std::uint32_t has) {
     const std::int32_t *here = rows_.value[0] + x, *above = rows_.value[1] + x, *second = rows_.value[2] + x;
     const Near near = {here[-1], above[0], above[1], above[-1], here[-2], second[0]};
-    const std::int32_t average = (2 * near.left + 2 * near.above + near.right_above + near.left_above +
-                                  near.second_left + near.second_above + 4) /
-                                 8;
     PerPrediction p = {near.left,
                        near.above,
                        near.left + near.above - near.left_above,
                        near.right_above,
                        2 * near.left - near.second_left,
-                       average};
-    Ratio* ratio = nullptr;
+                       near.average()};
+    const std::int32_t mate = Attribute && others_.mate != nullptr ? others_.mate->value[0][x] : -1;
     std::uint32_t around = 0;
     if constexpr (Attribute) {
       const std::uint8_t* left = others_.range->has[0] + x;
@@ -209,11 +220,8 @@ class PlaneCoder {
       const std::array<std::uint8_t, 3> first = {left[-1], left[-1], left[-1]};
       const std::uint8_t* up = row_ > 0 ? above_has : first.data() + 1;
       around = has | left[-1] << 1 | up[0] << 2;
-      p[3] = average;
-      if (others_.mate != nullptr) {
-        ratio = &models_.ratios[ratio_of<kFollows ? 6 : 4>(has ? others_.range->value[0][x] : 0)];
-        p[3] = ratio->times(others_.mate->value[0][x], models_.last_ratio, plan_.most);
-      }
+      p[3] = p[5];
+      if (mate >= 0) p[3] = models_.proportion.of(mate, has ? others_.range->value[0][x] : 0, plan_.most);
       p[4] = left[-1] == has ? (2 * near.left + near.second_left + 1) / 3 : last_[has];
       p[5] = up[0] == has    ? (near.above + near.second_above) / 2
              : up[1] == has  ? near.right_above
@@ -222,31 +230,27 @@ class PlaneCoder {
     }
     if constexpr (kFollows) {
       const std::int32_t* was = rows_.was[0] + x;
-      p[6] = was[0] != kNothing ? was[0] : average;
+      p[6] = was[0] != kNothing ? was[0] : near.average();
       p[7] = was[0] != kNothing && was[-1] != kNothing ? near.left + was[0] - was[-1] : p[6];
       if constexpr (Attribute)
-        if (others_.kin != nullptr) p[7] = others_.kin->in_proportion(x, row_ == 0, average, plan_.most, p[7]);
+        if (others_.kin != nullptr) p[7] = others_.kin->in_proportion(x, row_ == 0, near.average(), plan_.most, p[7]);
     }
     Guess guess{};
-    PerPrediction sums{};
+    PredictionErrors sums{};
     if constexpr (Quick) {
-      guess.eighths = 8 * (ratio != nullptr ? p[3]
-                           : Attribute      ? middle_of(p[4], p[5], near.left_above)
-                                            : middle_of(near.left, near.above, near.left_above));
+      guess.eighths = 8 * (mate >= 0   ? p[3]
+                           : Attribute ? clamped_gradient(p[4], p[5], near.left_above)
+                                       : clamped_gradient(near.left, near.above, near.left_above));
     } else {
-      sums = sums_[x];
-      const PerPrediction &e1 = errors_[0][x - 1], &e2 = errors_[0][x - 2];
-      for (std::size_t i = 0; i < 8; ++i) sums[i] += 2 * e1[i] + e2[i];
-      guess = guess_of<kFollows ? 8 : 6>(near.left, p, sums);
+      const PredictionErrors& left = errors_[0][x - 1];
+      sums = sums_[x] + left + left + errors_[0][x - 2];
+      guess = guess_of<kFollows ? 8 : 6>(p, sums);
     }
 
     const std::int32_t* off = rows_.error[0] + x;
     const auto activity = static_cast<std::uint32_t>(2 * off[-1] + off[-2] + activity_[x]);
-    const auto slope =
-        static_cast<std::uint32_t>(std::abs(near.left - near.left_above) + std::abs(near.above - near.left_above) +
-                                   std::abs(near.above - near.right_above));
     const std::uint32_t calm = quarter_log(activity);
-    const int steep = static_cast<int>(quarter_log(slope)) - static_cast<int>(calm);
+    const int steep = static_cast<int>(quarter_log(near.slope())) - static_cast<int>(calm);
     const int way =
         kFollows && Attribute && plan_.most > 255
             ? static_cast<int>(quarter_log(static_cast<std::uint32_t>(std::clamp(guess.eighths, 0, plan_.most * 8)))) /
@@ -300,10 +304,14 @@ class PlaneCoder {
             std::min(127u, extra),
             size};
         std::copy(alone.begin(), alone.end(), of.begin());
+        if (mate >= 0) {
+          of[2] = distance(p[3]) * kDistanceClasses + std::min(12u, quarter_log(static_cast<std::uint32_t>(mate)) / 2);
+          of[3] = distance(p[3]) * kDistanceClasses + std::min(12u, scale);
+        }
         if constexpr (kFollows) {
           const std::int32_t* was = rows_.was[0] + x;
           const auto past = [&](std::int32_t from) { return from == kNothing ? kDistanceClasses : distance(from); };
-          const std::uint32_t fit = std::min(15u, quarter_log(static_cast<std::uint32_t>(sums[6]) >> scale) / 2);
+          const std::uint32_t fit = std::min(15u, quarter_log(static_cast<std::uint32_t>(sums.of[6]) >> scale) / 2);
           of[7] = past(was[0]) * 14 + past(p[7]);
           of[8] = past(was[0]) * 16 + fit;
           of[9] = past(was[-1]) * 14 + past(was[1]);
@@ -339,7 +347,7 @@ class PlaneCoder {
     const std::int32_t most = 32 << scale;
     bias = std::clamp(bias + 4 * std::clamp(value * 8 - eighths, -most, most), -(1 << 20), 1 << 20);
     if constexpr (Attribute) {
-      if (ratio != nullptr) ratio->learn(value, others_.mate->value[0][x], models_.last_ratio);
+      if (mate >= 0) models_.proportion.learn(value, mate);
       before_last_[has] = last_[has];
     }
     last_[has] = value;
@@ -376,7 +384,7 @@ class PlaneCoder {
   }
 
   PlanePlan plan_;
-  std::ptrdiff_t columns_;
+  std::ptrdiff_t columns_, known_ = 0;  // known: cells of the row before this one are done
   std::size_t row_ = 0;
   std::int32_t* values_ = nullptr;
   OtherPlanes others_;
@@ -384,8 +392,8 @@ class PlaneCoder {
   Models& models_;
   std::int16_t rate_ = 0;
   PlaneRows rows_;
-  Rows<PerPrediction, 2> errors_;
-  std::vector<PerPrediction> sums_;                     // of the errors of each prediction in three cells above
+  Rows<PredictionErrors, 2> errors_;
+  std::vector<PredictionErrors> sums_;                  // of the errors of each prediction in three cells above
   std::vector<std::int32_t> activity_;                  // the same of the expectation
   std::array<std::int32_t, 2> last_{}, before_last_{};  // values of the row, without and with a return
 };
