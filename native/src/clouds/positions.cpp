@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/varint.hpp"
 #include "clouds/directions.hpp"
 #include "clouds/places.hpp"
 #include "clouds/rests.hpp"
@@ -64,11 +65,6 @@ float back_of(double told, std::int64_t left, double unit) {
   if constexpr (kForm == LeftForm::Decimals)
     return static_cast<float>(static_cast<double>(whole(told * unit) + left) / unit);
   return static_cast<float>(told + static_cast<double>(left) * unit);
-}
-
-void put_number(std::vector<std::uint8_t>& out, std::uint64_t value) {
-  for (; value >= 0x80; value >>= 7) out.push_back(static_cast<std::uint8_t>(value | 0x80));
-  out.push_back(static_cast<std::uint8_t>(value));
 }
 
 void put_sized(std::vector<std::uint8_t>& out, const std::vector<std::uint8_t>& part) {

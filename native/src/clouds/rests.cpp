@@ -1,12 +1,9 @@
 #include "clouds/rests.hpp"
 
+#include "base/varint.hpp"
+
 namespace lidarcodec {
 namespace {
-
-void put_number(std::vector<std::uint8_t>& out, std::uint64_t value) {
-  for (; value >= 0x80; value >>= 7) out.push_back(static_cast<std::uint8_t>(value | 0x80));
-  out.push_back(static_cast<std::uint8_t>(value));
-}
 
 // Bits one after the other, in bytes from the lowest bit on.
 class BitsBeside {
