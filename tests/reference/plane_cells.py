@@ -314,7 +314,8 @@ class PlaneDecoder:
             others, size = (h0, (ql(expected),)), min(255, calm)
         two, three = (d(right), d(corner)), (d(second), d(higher))
         if mate:
-            two, three = (d(fit), min(12, ql(mate.v.at(row, x, 0, 0)) // 2)), (d(fit), min(12, k))
+            two = (d(fit), min(12, ql(mate.v.at(row, x, 0, 0)) // 2) - 6)
+            three = (d(fit), min(12, k) - 6)
         return [
             ("n0", k, fine, eighths % 8 if k == 0 else 0),
             ("n1", d(above), d(left)),
