@@ -215,8 +215,7 @@ class PlaneCoder {
     const std::int32_t mate = Attribute && others_.mate != nullptr ? others_.mate->value[0][x] : -1;
     std::uint32_t around = 0;
     if constexpr (Attribute) {
-      const std::uint8_t* left = others_.range->has[0] + x;
-      const std::uint8_t* above_has = others_.range->has[1] + x;
+      const std::uint8_t *left = others_.range->has[0] + x, *above_has = others_.range->has[1] + x;
       const std::array<std::uint8_t, 3> first = {left[-1], left[-1], left[-1]};
       const std::uint8_t* up = row_ > 0 ? above_has : first.data() + 1;
       around = has | left[-1] << 1 | up[0] << 2;
@@ -251,11 +250,9 @@ class PlaneCoder {
     const auto activity = static_cast<std::uint32_t>(2 * off[-1] + off[-2] + activity_[x]);
     const std::uint32_t calm = quarter_log(activity);
     const int steep = static_cast<int>(quarter_log(near.slope())) - static_cast<int>(calm);
-    const int way =
-        kFollows && Attribute && plan_.most > 255
-            ? static_cast<int>(quarter_log(static_cast<std::uint32_t>(std::clamp(guess.eighths, 0, plan_.most * 8)))) /
-                  4
-            : (steep + 18) / 2;
+    const auto size_of_guess = static_cast<std::uint32_t>(std::clamp(guess.eighths, 0, plan_.most * 8));
+    const bool by_size = kFollows && Attribute && plan_.most > 255;
+    const int way = by_size ? static_cast<int>(quarter_log(size_of_guess)) / 4 : (steep + 18) / 2;
     std::uint32_t& spread =
         models_.spread[std::min(127u, calm) * kSpreadWays + static_cast<std::size_t>(std::clamp(way, 0, 15))];
     const std::uint32_t turn = Attribute ? around
