@@ -75,7 +75,8 @@ class VarintReader {
   std::size_t at_ = 0;
 };
 
-// A number, 7 bits a byte. take_number takes one below 2^32, and raises Section if it has more bytes than it needs, or Truncated.
+// A number, 7 bits a byte. take_number takes one below 2^32, and raises Section if it has more bytes than it needs, or
+// Truncated.
 inline void put_number(std::vector<std::uint8_t>& out, std::size_t value) {
   for (; value >= 128; value >>= 7) out.push_back(static_cast<std::uint8_t>(value | 128u));
   out.push_back(static_cast<std::uint8_t>(value));
