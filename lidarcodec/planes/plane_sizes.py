@@ -21,6 +21,8 @@ from lidarcodec.planes.value_tables import coded_forms
 
 _ATTRIBUTE: Final = 2
 _CONSTANT, _SPARSE = 0, 3
+_BEAMS, _COLUMNS, _MOTION = 1, 2, 4
+"""Marks of a view."""
 _ANY: Final = (1 << 32) - 1
 
 
@@ -40,11 +42,27 @@ def plane_sizes(section: bytes, columns: int) -> dict[str, int] | None:
     if head.kind == PlaneKind.FOLLOWING:
         for _ in range(2 * reader.varint(columns)):
             reader.varint(_ANY)
+        _pass_view(reader, head.rows, columns)
     ordered = in_order(forms)
     sizes = {}
     for number, (form, (role, _, _, like)) in enumerate(zip(ordered, form_table(ordered).tolist(), strict=True)):
         sizes[form.name] = _size(reader, attribute=role == _ATTRIBUTE, like_another=like != number)
     return sizes
+
+
+def _pass_view(reader: VarintReader, rows: int, columns: int) -> None:
+    """Read over the view: docs/wire-format-planes.md, "Motion"."""
+    marks = reader.byte()
+    if marks & _BEAMS:
+        for _ in range(2 * rows):
+            reader.varint(_ANY)
+    if marks & _COLUMNS:
+        reader.varint(_ANY)
+        for _ in range(2 * reader.varint(columns)):
+            reader.varint(_ANY)
+    if marks & _MOTION:
+        for _ in range(6):
+            reader.varint(_ANY)
 
 
 def _size(reader: VarintReader, *, attribute: bool, like_another: bool) -> int:
