@@ -10,11 +10,11 @@ import pytest
 from lidarcodec import wire
 from lidarcodec.errors import DecodeError, MissingReferenceError
 from lidarcodec.frame import Frame
-from lidarcodec.message import Message, SectionType
-from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.message import SectionType
+from lidarcodec.pipeline import StreamDecoder, frames_of
 from lidarcodec.planes.beam_directions import BeamBook, beam_directions
-from lidarcodec.settings import settings_from
 from lidarcodec.sources import open_source
+from tests.codecs.test_other_sensors_following import assert_same, messages_of
 
 SENSORS = ("vlp16", "xt16")
 
@@ -23,18 +23,6 @@ def drive(sensor: str, count: int, options: str = "skip=30") -> list[Frame]:
     """Turns of a simulated drive."""
     with open_source(f"sim:city?sensor={sensor}&{options}&frames={count + 1}") as source:
         return list(frames_of(source.packets(), source.sensor, "revolution"))[:count]
-
-
-def messages_of(frames: list[Frame], **settings: object) -> list[Message]:
-    encoder = StreamEncoder(settings_from({"codec": "riddle", **settings}), 7)
-    return [wire.unpack(wire.pack(message)) for frame in frames for message in encoder.encode(frame)]
-
-
-def assert_same(decoded: Frame, frame: Frame) -> None:
-    np.testing.assert_array_equal(decoded.range, frame.range)
-    np.testing.assert_array_equal(decoded.intensity, frame.intensity)
-    for name, plane in frame.planes.items():
-        np.testing.assert_array_equal(decoded.planes[name], plane)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

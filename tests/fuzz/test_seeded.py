@@ -37,16 +37,16 @@ ALL = {f"{plan.name}, {plan.size}": plan for plan in plans()}
 
 
 def test_damage_gives_errors_of_the_project_and_nothing_else(tmp_path: Path) -> None:
-    outcomes = run(cases=50 * len(targets()), seed=7, crash_dir=tmp_path)
+    outcomes = run(cases=100 * len(targets()), seed=7, crash_dir=tmp_path)
     for name, counts in outcomes.items():
-        assert counts.total() == 50, name
+        assert counts.total() == 100, name
     assert sum(c["ChecksumError"] for c in outcomes.values()) > 0
-    assert outcomes["packets"] == {"decoded": 50}
+    assert outcomes["packets"] == {"decoded": 100}
 
 
 @pytest.mark.parametrize("size", sampled((*QUICK, "vlp16", "os0-16", "clouds"), ["tiny", "clouds"]))
 def test_damage_with_right_checksums_gives_errors_of_the_project_and_nothing_else(tmp_path: Path, size: str) -> None:
-    outcomes = run_sealed(cases=150, seed=7, kept=tmp_path, sizes=(size,))
+    outcomes = run_sealed(cases=300, seed=7, kept=tmp_path, sizes=(size,))
     assert len(outcomes) > (25 if size in QUICK else 5)
     together = {kind for counts in outcomes.values() for kind in counts}
     assert together >= {"decoded", "SectionError", "TruncatedError", "MissingReferenceError"}

@@ -26,5 +26,5 @@ def test_the_module_is_small_and_asks_nothing_of_a_system():
     """A page fetches it; and what it may do is decode, and have the page decompress, nothing else."""
     data = (WORKER / "decoder.wasm").read_bytes()
     assert data[:4] == b"\0asm"
-    assert len(data) < 800_000
+    assert len(data) < 760_000
     assert b"wasi_snapshot" not in data
