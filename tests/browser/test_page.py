@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -233,6 +234,11 @@ def test_a_stream_is_recorded_and_played_back_with_a_time_line(fleet, page):
     expect(page).to_have_title(POINTS)
     page.get_by_role("group", name="Playback").get_by_role("button", name="Stop").click()
     expect(place).not_to_be_attached()
+    with page.expect_download(timeout=1000 * LIMIT_S) as fetched:
+        page.get_by_role("button", name=re.compile("^Download car-7")).click()
+    assert fetched.value.suggested_filename == f"car-7_lidar_{made['id']}.mcap"
+    (kept,) = (fleet.folder / "recordings" / made["id"]).glob("*.mcap")
+    assert Path(fetched.value.path()).read_bytes() == kept.read_bytes()
     delete = page.get_by_role("button", name=re.compile("^Delete car-7"))
     expect(delete).to_be_enabled()
     delete.click()

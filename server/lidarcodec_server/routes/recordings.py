@@ -7,13 +7,14 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Path
+from fastapi import APIRouter, Body, Path, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, settings_from
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import Viewer
+from lidarcodec_server.live.download import MEDIA_TYPE
 from lidarcodec_server.live.playback import PlayRequest
 from lidarcodec_server.live.recordings import Limits
 from lidarcodec_server.live.shelf import (
@@ -188,6 +189,21 @@ async def one_recording(recordings: TheRecordings, id: Id, client: Viewer) -> Re
     """One recording."""
     with _problems():
         return RecordingAnswer.of(await recordings.one(id), recordings.playing(id))
+
+
+RANGES: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The MCAP file.", "content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}},
+    206: {"description": "The ranges of it that were asked for."},
+    416: {"description": "A range behind its end."},
+    429: {"description": "Too many downloads are running."},
+}
+
+
+@router.get("/recordings/{id}/download", response_class=Response, responses={**RANGES, **NO_SUCH, **BUSY, **FULL})
+async def download(recordings: TheRecordings, id: Id, client: Viewer) -> Response:
+    """The bytes of a recording. A download that was cut can be continued: headers `Range` and `If-Range` (RFC 9110)."""
+    with _problems():
+        return await recordings.download(id, client.name)
 
 
 @router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})

@@ -1,10 +1,10 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Problem } from "../model/api";
+import { fetchFile, Problem } from "../model/api";
 import { bytes, clock, count, moment } from "../model/format";
 import { type Poller, poll } from "../model/poll";
 import type { Playing, Recording } from "../model/wire";
-import { call, choose, chosen, chosenRow, mayChange, nameOf, pathOf, refreshFleet, rows } from "../state";
+import { call, choose, chosen, chosenRow, mayChange, nameOf, pathOf, refreshFleet, rows, token } from "../state";
 import { Button } from "./button";
 
 const EVERY_MS = 2000;
@@ -148,6 +148,7 @@ function Item({ one, disabled, play, stop, remove }: ItemProps) {
             Play
           </Button>
         )}
+        <Download one={one} />
         <span class="grow" />
         {sure.value ? (
           <>
@@ -170,6 +171,61 @@ function Item({ one, disabled, play, stop, remove }: ItemProps) {
           </Button>
         )}
       </p>
+    </>
+  );
+}
+
+/** Saves a recording as a file. It says how much is here, and can be ended. */
+function Download({ one }: { one: Recording }) {
+  const here = useSignal<number | null>(null);
+  const problem = useSignal<string | null>(null);
+  const ending = useRef<AbortController | null>(null);
+  useEffect(() => () => ending.current?.abort(), []);
+
+  async function save() {
+    const stop = new AbortController();
+    ending.current = stop;
+    problem.value = null;
+    here.value = 0;
+    try {
+      const tell = (bytes: number) => {
+        here.value = bytes;
+      };
+      const file = await fetchFile(`api/v1/recordings/${one.id}/download`, token.value, tell, stop.signal);
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(file);
+      link.download = `${one.vehicle}_${one.sensor}_${one.id}.mcap`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+    } catch (error) {
+      if (!stop.signal.aborted) problem.value = error instanceof Problem ? error.detail : String(error);
+    } finally {
+      here.value = null;
+    }
+  }
+
+  if (here.value !== null) {
+    return (
+      <Button look="small" press={() => ending.current?.abort()}>
+        Stop ({bytes(here.value)} of {bytes(one.size_bytes)})
+      </Button>
+    );
+  }
+  return (
+    <>
+      <Button
+        look="small"
+        off={one.state === "recording" || one.size_bytes === 0}
+        label={`Download ${one.vehicle}/${one.sensor} of ${moment(one.started)}`}
+        press={() => void save()}
+      >
+        Download
+      </Button>
+      {problem.value !== null && (
+        <span class="problem" role="alert">
+          {problem.value}
+        </span>
+      )}
     </>
   );
 }
