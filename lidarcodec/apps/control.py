@@ -35,6 +35,10 @@ class Applied(NamedTuple):
     first_frame: int
     key: bool
 
+    def answer(self) -> dict[str, Any]:
+        """As the answer to a query."""
+        return {"applied": self.settings.model_dump(), "first_frame": self.first_frame, "key": self.key}
+
 
 def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSettings:
     """Settings with some fields changed, checked together against their codec.

@@ -92,7 +92,7 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.subject("viewers", list(people.viewers))
     made.subject("operators", list(people.operators))
     made.allow(["viewers", "operators"], *_looking())
-    made.allow(["operators"], *_asking(["control/set"]))
+    made.allow(["operators"], *_asking(["control/set", "control/reset"]))
     made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
@@ -123,7 +123,7 @@ def _under(prefix: str, *ends: str) -> list[str]:
 
 def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """What a vehicle may do under its own keys."""
-    controls = _under(own, "control/get", "control/set", "control/keyframe")
+    controls = _under(own, "control/get", "control/set", "control/reset", "control/keyframe")
     reports = _under(own, "arrived/*", "report/*", "odometry")
     return (
         (PUTTING, ["ingress"], _under(own, "frame", "status", "odometry")),

@@ -70,6 +70,11 @@ class StreamKeys:
         return f"{self.prefix}/control/set"
 
     @property
+    def control_reset(self) -> str:
+        """Query: the settings with which the publisher was started."""
+        return f"{self.prefix}/control/reset"
+
+    @property
     def control_keyframe(self) -> str:
         """Query: a key frame, soon."""
         return f"{self.prefix}/control/keyframe"

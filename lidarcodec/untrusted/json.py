@@ -97,7 +97,7 @@ def read_json(data: bytes | str, max_bytes: int = MAX_BYTES) -> Any:
     except JsonRefusedError:
         raise
     except (ValueError, RecursionError) as error:
-        raise JsonRefusedError(f"it is not JSON ({error})") from None
+        raise JsonRefusedError(f"it is malformed JSON ({error})") from None
     return value
 
 

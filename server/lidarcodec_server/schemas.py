@@ -100,12 +100,22 @@ class SettingsAnswer(BaseModel):
     refused: str | None = Field(
         description="Why the vehicle does not use them: it refused, or another program changed them."
     )
+    first_frame: int | None = Field(
+        default=None,
+        description="After DELETE, the first frame that can have the vehicle's own settings; otherwise null.",
+    )
 
     @classmethod
     def of(cls, state: State) -> SettingsAnswer:
         """From the state of a stream's settings."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
-        return cls(applied=state.applied, desired=desired, operator=state.operator, refused=state.refused)
+        return cls(
+            applied=state.applied,
+            desired=desired,
+            operator=state.operator,
+            refused=state.refused,
+            first_frame=state.first_frame,
+        )
 
 
 class ChangeAnswer(BaseModel):

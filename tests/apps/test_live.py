@@ -216,7 +216,7 @@ def test_hostile_bytes_on_every_key_are_counted_and_the_stream_goes_on(network):
             sender = stranger.sender(key, Priority.STATUS)
             for data in (b"", b"\x00" * 15, b"\xff" * 500, b"{", b"[]", b"\x93LDC" + bytes(60)):
                 sender.put(data)
-        for key in (KEYS.control_get, KEYS.control_set, KEYS.control_keyframe):
+        for key in (KEYS.control_get, KEYS.control_set, KEYS.control_reset, KEYS.control_keyframe):
             for data in (b"{", b"[1]", b"\xff\xff", b'{"a": ' * 5000, b'{"ping": NaN}', b'{"ping": 1e999}'):
                 assert b"error" in stranger.ask(key, data)
         for _ in range(3):

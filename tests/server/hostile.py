@@ -39,7 +39,7 @@ from lidarcodec_server.door.listening import listen
 from tests.apps.streams import Loop
 
 CHECKS = [status_code_conformance, content_type_conformance, response_schema_conformance]
-PATCH = "/api/v1/streams/car-7/roof/settings"
+PATCH = "/api/v1/streams/car-7/roof/settings?prepare=true"
 START_S = 30.0
 
 

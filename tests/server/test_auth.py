@@ -58,7 +58,9 @@ async def test_a_viewer_looks_and_an_operator_changes_under_its_name(serving, st
             answer = await client.request(method, f"{STREAM}/{path}", json={"codec": "zstd"})
             assert answer.status_code == 403, path
         headers = {"Authorization": f"Bearer {operator}"}
-        assert (await client.patch(f"{STREAM}/settings", json={"codec": "zstd"}, headers=headers)).status_code == 202
+        assert (
+            await client.patch(f"{STREAM}/settings?prepare=true", json={"codec": "zstd"}, headers=headers)
+        ).status_code == 202
         (entry,) = (await client.get(f"{STREAM}/audit")).json()
         assert entry["who"] == "otto"
 

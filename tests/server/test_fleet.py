@@ -117,7 +117,7 @@ async def test_hostile_vehicles_hurt_nobody(serving, network, vehicle):
             good = vehicle(name="car-8")
 
             async def works():
-                answer = await client.patch("/api/v1/streams/car-8/roof/settings", json={"codec": "zstd"})
+                answer = await client.patch("/api/v1/streams/car-8/roof/settings?prepare=true", json={"codec": "zstd"})
                 return answer.status_code == 200
 
             assert await until(works)
@@ -137,7 +137,7 @@ async def test_the_end_does_not_wait_for_a_vehicle_that_does_not_answer(serving,
         car.answer(KEYS.control_get, lambda data: json.dumps({"settings": StreamSettings().model_dump()}).encode())
         car.answer(KEYS.control_set, hang)
         async with serving(answer_s=50.0) as client:
-            await client.patch(f"{STREAM}/settings", json={"codec": "zstd"})
+            await client.patch(f"{STREAM}/settings?prepare=true", json={"codec": "zstd"})
             car.token(KEYS.alive)
             assert await asyncio.to_thread(asked.wait, 20)
             begin = time.monotonic()

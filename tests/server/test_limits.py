@@ -53,7 +53,7 @@ async def test_a_body_that_is_not_said_to_be_json_is_refused(serving):
     async with serving() as client:
         for kind in ("text/plain", "application/x-www-form-urlencoded", ""):
             headers = {"Content-Type": kind} if kind else {}
-            answer = await client.patch(f"{STREAM}/settings", content=b'{"codec": "raw"}', headers=headers)
+            answer = await client.patch(f"{STREAM}/settings?prepare=true", content=b'{"codec": "raw"}', headers=headers)
             assert answer.status_code == 415
 
 
@@ -73,7 +73,7 @@ async def test_a_body_that_is_not_said_to_be_json_is_refused(serving):
 )
 async def test_a_page_of_another_origin_cannot_use_a_browser_of_this_machine(serving, method, headers, status):
     async with serving() as client:
-        path = f"{STREAM}/settings" if method == "PATCH" else "/api/v1/streams"
+        path = f"{STREAM}/settings?prepare=true" if method == "PATCH" else "/api/v1/streams"
         answer = await client.request(method, path, content=b'{"codec": "raw"}', headers=JSON | headers)
         assert answer.status_code == status
         assert "access-control-allow-origin" not in answer.headers
@@ -85,7 +85,7 @@ async def test_behind_a_proxy_any_host_is_answered_to_once_there_is_a_token(serv
     store.close()
     async with serving(token) as client:
         headers = JSON | {"Host": "fleet.example", "Origin": "https://fleet.example"}
-        answer = await client.patch(f"{STREAM}/settings", content=b'{"codec": "raw"}', headers=headers)
+        answer = await client.patch(f"{STREAM}/settings?prepare=true", content=b'{"codec": "raw"}', headers=headers)
         assert answer.status_code == 202
 
 
@@ -101,7 +101,7 @@ def test_what_somebody_outside_can_cause_does_not_fill_the_log(caplog):
 
 async def test_changes_come_too_often(serving):
     async with serving(changes_per_second=0.1, burst=2) as client:
-        answers = [await client.patch(f"{STREAM}/settings", json={"codec": "raw"}) for _ in range(3)]
+        answers = [await client.patch(f"{STREAM}/settings?prepare=true", json={"codec": "raw"}) for _ in range(3)]
         assert [answer.status_code for answer in answers] == [202, 202, 429]
         assert int(answers[-1].headers["retry-after"]) >= 1
         assert (await client.get("/api/v1/streams")).status_code == 200

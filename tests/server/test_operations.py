@@ -121,7 +121,9 @@ PATHS = ["/etc/shadow", "/nowhere/at/all", "../x.lcrw", "~/x", ".ssh", "a\\b", "
 async def test_a_setting_that_is_a_path_is_refused_with_the_same_words_whether_or_not_it_is_there(serving, path):
     async with serving() as client:
         for change in ({"weights": path}, {"deep": [{"er": path}]}):
-            answer = await client.patch(f"{STREAM}/settings", json={"codec": "riddle", "codec_settings": change})
+            answer = await client.patch(
+                f"{STREAM}/settings?prepare=true", json={"codec": "riddle", "codec_settings": change}
+            )
             assert answer.status_code == 422
             assert answer.json()["detail"] == "a setting must be a name here, not the path of a file"
             body = {"settings": {"codec": "riddle", "codec_settings": change}}
@@ -150,7 +152,7 @@ async def test_requests_that_come_too_soon_share_one_entry_a_minute_with_their_n
     """Each of them had none; with one each, a client that asks without end would fill the database."""
     async with serving(tokens["operator"], changes_per_second=0.01, burst=2) as client:
         before = len(entries(client))
-        answers = [await client.patch(f"{STREAM}/settings", json={"codec": "raw"}) for _ in range(30)]
+        answers = [await client.patch(f"{STREAM}/settings?prepare=true", json={"codec": "raw"}) for _ in range(30)]
         answers += [await client.post(f"{STREAM}/keyframe") for _ in range(10)]
         statuses = [answer.status_code for answer in answers]
         assert statuses == [202] * 2 + [429] * 38

@@ -77,13 +77,15 @@ async def test_a_database_that_stands_still_holds_up_nobody(serving, relay):
             begin = time.monotonic()
             answer = await client.get("/api/v1/streams")
             assert (answer.status_code, answer.json()) == (200, [])
-            refused = await client.patch("/api/v1/streams/car-7/roof/settings", json={"codec": "raw"})
+            refused = await client.patch("/api/v1/streams/car-7/roof/settings?prepare=true", json={"codec": "raw"})
             assert refused.status_code == 503
             assert time.monotonic() - begin < 5.0
         between.holds.clear()
 
         async def changes():
-            return (await client.patch("/api/v1/streams/car-7/roof/settings", json={"codec": "raw"})).status_code == 202
+            return (
+                await client.patch("/api/v1/streams/car-7/roof/settings?prepare=true", json={"codec": "raw"})
+            ).status_code == 202
 
         assert await until(changes, 40.0)
 

@@ -146,7 +146,7 @@ async def test_what_is_no_json_object_is_a_problem(serving, body):
 
 async def test_what_was_set_while_a_vehicle_was_away_is_applied_when_it_comes(serving, vehicle):
     async with serving() as client:
-        answer = await client.patch(f"{STREAM}/settings", json={"codec": "zstd", "key_interval": 7})
+        answer = await client.patch(f"{STREAM}/settings?prepare=true", json={"codec": "zstd", "key_interval": 7})
         assert answer.status_code == 202
         assert answer.json()["applied"] is None
         assert answer.json()["desired"]["key_interval"] == 7
@@ -198,19 +198,24 @@ async def test_what_is_in_step_is_left_alone_when_a_server_starts_again(serving,
         assert car.settings.codec == "zstd"
 
 
-async def test_what_was_set_is_forgotten_on_request(serving, vehicle):
+async def test_what_was_set_is_forgotten_on_request_and_the_vehicle_has_its_own_at_once(serving, vehicle):
     car = vehicle()
     async with serving() as client:
         await there(client)
-        await client.patch(f"{STREAM}/settings", json={"codec": "zstd"})
+        changed = (await client.patch(f"{STREAM}/settings", json={"codec": "zstd", "max_error_m": 0.05})).json()
         told = (await client.delete(f"{STREAM}/settings")).json()
-        assert (told["desired"], told["operator"], told["applied"]["codec"]) == (None, {}, "zstd")
+        assert (told["desired"], told["operator"]) == (None, {})
+        assert (told["applied"]["codec"], told["applied"]["max_error_m"]) == ("pcodec", None)
+        assert told["first_frame"] >= changed["first_frame"]
+        assert car.settings.codec == "pcodec"
+        assert (await audit(client))[0]["first_frame"] == told["first_frame"]
+        assert (await client.delete(f"{STREAM}/settings")).json()["first_frame"] is None, "there was nothing to forget"
         car.stop()
         again = vehicle()
         await applied(client, codec="pcodec")
         await asyncio.sleep(0.3)
         assert again.settings.codec == "pcodec"
-        assert [entry["action"] for entry in await audit(client)] == ["forget", "settings"]
+        assert [entry["action"] for entry in await audit(client)] == ["forget", "forget", "settings"]
 
 
 async def test_a_vehicle_that_refuses_says_why_and_nothing_is_kept(serving, network):
@@ -297,7 +302,7 @@ async def test_a_key_frame_comes_on_request_and_only_from_a_vehicle_that_is_ther
 async def test_the_audit_log_is_read_page_by_page(serving):
     async with serving(changes_per_second=1000.0, burst=100) as client:
         for number in range(1, 6):
-            await client.patch(f"{STREAM}/settings", json={"key_interval": number})
+            await client.patch(f"{STREAM}/settings?prepare=true", json={"key_interval": number})
         first = (await client.get(f"{STREAM}/audit?limit=3")).json()
         rest = (await client.get(f"{STREAM}/audit?limit=3&before={first[-1]['id']}")).json()
         assert [entry["changes"]["key_interval"] for entry in first + rest] == [5, 4, 3, 2, 1]
@@ -305,5 +310,51 @@ async def test_the_audit_log_is_read_page_by_page(serving):
 
 async def test_settings_are_kept_for_so_many_streams_only(serving):
     async with serving(max_streams=2) as client:
-        answers = [await client.patch(f"/api/v1/streams/{car}/roof/settings", json={"codec": "raw"}) for car in "abc"]
+        answers = [
+            await client.patch(f"/api/v1/streams/{car}/roof/settings?prepare=true", json={"codec": "raw"})
+            for car in "abc"
+        ]
         assert [answer.status_code for answer in answers] == [202, 202, 422]
+
+
+async def test_a_vehicle_that_was_away_returns_to_its_own_settings_when_its_link_is_back(serving, network):
+    """It was not started again, so its command line alone would not do it."""
+    keys, resets, own = StreamKeys("car-7", "roof"), [], StreamSettings(codec="raw")
+    answer = json.dumps({"applied": own.model_dump(), "first_frame": 7, "key": True}).encode()
+    with network.transport() as car:
+        car.answer(keys.control_get, lambda data: json.dumps({"settings": own.model_dump()}).encode())
+        car.answer(keys.control_set, lambda data: answer)
+        car.answer(keys.control_reset, lambda data: resets.append(data) or answer)
+        token = car.token(keys.alive)
+        async with serving() as client:
+            await there(client)
+            assert (await client.patch(f"{STREAM}/settings", json={"codec": "raw"})).status_code == 200
+            token.close()
+
+            async def away():
+                return not (await client.get(STREAM)).json()["alive"]
+
+            await until(away)
+            told = (await client.delete(f"{STREAM}/settings")).json()
+            assert (told["operator"], told["first_frame"], resets) == ({}, None, [])
+            car.token(keys.alive)
+
+            async def reset():
+                return resets
+
+            await until(reset)
+            await asyncio.sleep(0.3)
+            assert len(resets) == 1
+
+
+async def test_a_wrong_name_is_no_stream_unless_one_says_that_it_is_to_come(serving):
+    """Settings for a name with a typing error would wait for ever, and the vehicle that was meant never gets them."""
+    async with serving() as client:
+        refused = await client.patch("/api/v1/streams/car-77/roof/settings", json={"codec": "zstd"})
+        assert (refused.status_code, refused.json()["type"]) == (404, "urn:lidarcodec:problem:unknown-stream")
+        assert "?prepare=true" in refused.json()["detail"]
+        assert (await client.get("/api/v1/streams")).json() == []
+        taken = await client.patch("/api/v1/streams/car-77/roof/settings?prepare=true", json={"codec": "zstd"})
+        assert taken.status_code == 202
+        again = await client.patch("/api/v1/streams/car-77/roof/settings", json={"codec": "raw"})
+        assert again.status_code == 202, "it is known by now"

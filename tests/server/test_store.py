@@ -406,7 +406,7 @@ def test_tokens_that_were_known_work_on_while_the_database_is_away(store, monkey
 async def test_the_server_works_the_same_on_either_database(serving, vehicle, url):
     path = "/api/v1/streams/car-7/roof"
     async with serving(database_url=url) as client:
-        assert (await client.patch(f"{path}/settings", json={"codec": "zstd"})).status_code == 202
+        assert (await client.patch(f"{path}/settings?prepare=true", json={"codec": "zstd"})).status_code == 202
         car = vehicle()
 
         async def follows():

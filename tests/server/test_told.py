@@ -114,7 +114,7 @@ def test_settings_are_small_and_plain():
 @pytest.mark.parametrize("values", [{"x": "y" * 9000}, {"codec_settings": {"x": ["y" * 400] * 25}}])
 async def test_large_settings_are_refused_before_a_vehicle_is_asked(serving, values):
     async with serving() as client:
-        answer = await client.patch(f"{STREAM}/settings", json=values)
+        answer = await client.patch(f"{STREAM}/settings?prepare=true", json=values)
         assert answer.status_code == 422
         assert "8,192 are allowed" in answer.json()["detail"]
 
@@ -126,7 +126,7 @@ async def test_large_settings_are_refused_before_a_vehicle_is_asked(serving, val
         (b'{"max_seconds": 1e999}', "out of range"),
         (b'{"x": ' + b"[" * 300 + b"]" * 300 + b"}", "nested more than 16 deep"),
         (b'{"max_bytes": ' + b"9" * 400 + b"}", "400 digits"),
-        (b"{", "not JSON"),
+        (b"{", "malformed JSON"),
         (b'{"x": "\\ud800"}', "surrogate"),
     ],
     ids=lambda value: str(value)[:20],

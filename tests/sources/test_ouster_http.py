@@ -106,7 +106,7 @@ def not_http(request: BaseHTTPRequestHandler) -> None:
     [
         (sends(METADATA, 404), "the answer has the status 404"),
         (sends(METADATA, 302), "the answer has the status 302"),
-        (sends(b""), "it is not JSON"),
+        (sends(b""), "it is malformed JSON"),
         (sends(b'{"error": "starting"}'), "it lacks the list beam_altitude_angles"),
         (sends(b" " * 70_000 + METADATA), "at most 65,536 are allowed"),
         (dripping, "timed out"),

@@ -74,7 +74,7 @@ def people(secured):
 
 def answering(car, keys, asked):
     """Have a vehicle answer its controls; `asked` gets the last part of each key that was."""
-    for key in (keys.control_get, keys.control_set, keys.control_keyframe):
+    for key in (keys.control_get, keys.control_set, keys.control_reset, keys.control_keyframe):
         car.answer(key, lambda data, key=key: asked.append(key.rpartition("/")[2]) or b"yes")
 
 
@@ -100,7 +100,12 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
     assert eventually(lambda: set(heard) == {b"status", b"arrived", b"report"}), heard
     assert eventually(lambda: receivers == [CAR.arrived("anna")])
     assert eventually(lambda: seen == [(CAR.alive, True)])
-    for who, key in ((anna, CAR.control_get), (anna, CAR.control_keyframe), (olga, CAR.control_set)):
+    for who, key in (
+        (anna, CAR.control_get),
+        (anna, CAR.control_keyframe),
+        (olga, CAR.control_set),
+        (olga, CAR.control_reset),
+    ):
         assert eventually(lambda who=who, key=key: who.ask(key, b"{}", 2.0) == b"yes"), key
     token.close()
     assert eventually(lambda: seen[-1] == (CAR.alive, False))
@@ -147,6 +152,7 @@ def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
     ben.listen(CAR.frame, lambda key, data: heard.append((key, data)))
     assert eventually(lambda: anna.ask(CAR.control_get, b"{}", 2.0) == b"yes")
     assert anna.ask(CAR.control_set, b'{"codec": "raw"}', 1.0) is None
+    assert anna.ask(CAR.control_reset, b"{}", 1.0) is None
     own = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
     assert eventually(lambda: own.matching)
     for key in (CAR.frame, CAR.status, CAR.arrived("ben"), CAR.report("ben"), CAR.arrived("server")):

@@ -36,10 +36,10 @@ def test_what_is_in_bounds_is_read_as_json_reads_it(value: object) -> None:
         (b"9" * 4000, "digits"),
         (b'"\\ud800"', "surrogate"),
         (b'"a\\u0000b"', "zero"),
-        (b"\xff\xfe", "not JSON"),
-        (b"", "not JSON"),
+        (b"\xff\xfe", "malformed JSON"),
+        (b"", "malformed JSON"),
         (b'"' + b"x" * 70_000 + b'"', "bytes"),
-        ("\ud800", "not JSON"),
+        ("\ud800", "malformed JSON"),
     ],
 )
 def test_what_would_fail_later_is_refused_with_its_reason(document: bytes | str, said: str) -> None:

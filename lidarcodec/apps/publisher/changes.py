@@ -37,7 +37,7 @@ class Changes:
         running: Callable[[], bool],
         tell: Callable[[], None],
     ) -> None:
-        self.asked = asked
+        self.asked = self._own = asked
         self.preparing: str | None = None
         """The codec of a change that waits for its process to start."""
         self._encoder, self._isolation, self._choosing = coding.encoder, coding.isolation, coding.choosing
@@ -52,10 +52,21 @@ class Changes:
         Raises SettingsError, UnknownNameError or MissingExtraError; then nothing has changed.
         """
         with self._lock:
-            asked = check_for(self._sending.sensor, settings_with(self.asked, changes))
-            table.check_installed(asked.codec)
-            first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
-        logger.info("new settings from frame %d on: %s", first, changes)
+            applied = self._change(settings_with(self.asked, changes))
+        logger.info("new settings from frame %d on: %s", applied.first_frame, changes)
+        return applied
+
+    def reset(self) -> Applied:
+        """Return to the settings of the start. Raises as `change`."""
+        with self._lock:
+            applied = self._change(self._own)
+        logger.info("the settings of the start from frame %d on", applied.first_frame)
+        return applied
+
+    def _change(self, wanted: StreamSettings) -> Applied:
+        asked = check_for(self._sending.sensor, wanted)
+        table.check_installed(asked.codec)
+        first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
         return Applied(asked, first, key)
 
     def _chosen(self, asked: StreamSettings, codec: str) -> None:

@@ -35,6 +35,8 @@ class Controlled(Protocol):
 
     def change(self, /, **changes: Any) -> Applied: ...
 
+    def reset(self) -> Applied: ...
+
     def request_key(self) -> bool: ...
 
     @property
@@ -65,6 +67,7 @@ class Desk:
             transport.listen(keys.report(), self._reported),
             transport.answer(keys.control_get, answered(self._get)),
             transport.answer(keys.control_set, answered(self._set)),
+            transport.answer(keys.control_reset, answered(self._reset)),
             transport.answer(keys.control_keyframe, answered(self._keyframe)),
         ]
 
@@ -98,8 +101,11 @@ class Desk:
 
     def _set(self, query: dict[str, Any]) -> dict[str, Any]:
         self._take(self._changes, "changes refused", "settings are changed")
-        applied = self._publisher.change(**{str(field): value for field, value in query.items()})
-        return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
+        return self._publisher.change(**{str(field): value for field, value in query.items()}).answer()
+
+    def _reset(self, query: dict[str, Any]) -> dict[str, Any]:
+        self._take(self._changes, "changes refused", "settings are changed")
+        return self._publisher.reset().answer()
 
     def _keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
         merged = self._publisher.request_key()

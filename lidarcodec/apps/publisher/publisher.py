@@ -247,6 +247,13 @@ class Publisher:
         """
         return self._changes.change(changes)
 
+    def reset(self) -> Applied:
+        """Return to the settings with which the publisher was made, between two frames.
+
+        Raises SettingsError or MissingExtraError if they cannot be used now.
+        """
+        return self._changes.reset()
+
     def request_key(self) -> bool:
         """Make the next message a key frame. Requests within half a second are merged. True: there already was one."""
         return self._sending.request_key()

@@ -100,6 +100,8 @@ class Control:
         self._wake = threading.Condition()
         self._stopped = False
         self._refusals: dict[StreamKeys, str] = {}
+        self._resets: set[StreamKeys] = set()
+        """Vehicles that were away when the settings of operators were deleted."""
         self._rivals = Rivals()
         self._tries: dict[StreamKeys, int] = {}
         self._warnings = SparseLog(logger)
@@ -174,6 +176,7 @@ class Control:
                 self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
                 raise
             self._refusals.pop(keys, None)
+            self._resets.discard(keys)
             self._rivals.forget(keys)
             self._finish(keys, entry, applied)
             if applied is None:
@@ -185,19 +188,40 @@ class Control:
             return State(applied.settings, desired, wanted, applied.first_frame, images=self._images(keys))
 
     def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
-        """Delete the settings of operators. The vehicle keeps its current settings until it restarts with its
-        command line.
+        """Delete the settings of operators, and have the vehicle return to those of its command line: now, or as soon
+        as it is there. `first_frame` is None when that comes later, or if operators had set nothing.
 
         entered: called when this is in the audit log; if there were no settings of operators, nothing is entered
         """
+        applied = None
         with self._turn(keys):
             before = self._store.desired(keys)
             if before:
-                self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
+                entry = self._store.begin(keys, who, "forget", {}, before, {})
                 entered()
                 self._refusals.pop(keys, None)
                 self._rivals.forget(keys)
-        return self.state(keys)
+                applied = self._reset(keys)
+                self._finish(keys, entry, applied)
+                if applied is None:
+                    self.look_after(keys, AGAIN_S)
+        return self.state(keys)._replace(first_frame=None if applied is None else applied.first_frame)
+
+    def _reset(self, keys: StreamKeys) -> Applied | None:
+        """Have a vehicle return to the settings of its command line; None if it is away, or does not answer."""
+        self._resets.add(keys)
+        stream = self._fleet.get(keys)
+        if stream is None or not stream.alive:
+            return None
+        try:
+            applied = self._result(keys, self._ask(keys.control_reset, {}, self._answer_s))
+        except RefusedError as error:  # its own settings cannot be used now, for example without a process for a codec
+            self._warnings.warning("%s keeps the settings of operators for now: %s", keys.prefix, error)
+            return None
+        if applied is not None:
+            self._resets.discard(keys)
+            self._fleet.answered(keys, applied.settings)
+        return applied
 
     def key_frame(self, keys: StreamKeys) -> dict[str, Any]:
         """Ask for a key frame; returns the vehicle's answer.
@@ -264,7 +288,11 @@ class Control:
         with self._turn(keys):
             stream = self._fleet.get(keys)
             wanted = self._store.desired(keys)
-            if not wanted or stream is None or not stream.alive:
+            if stream is None or not stream.alive:
+                return True
+            if keys in self._resets:
+                return self._reset(keys) is not None
+            if not wanted:
                 return True
             changed = self._rivals.to_tell(keys)
             if changed is not None or self._rivals.leave_it(keys):
@@ -328,7 +356,13 @@ class Control:
 
         Raises RefusedError.
         """
-        answer = self._ask(keys.control_set, wanted, self._answer_s)
+        return self._result(keys, self._ask(keys.control_set, wanted, self._answer_s))
+
+    def _result(self, keys: StreamKeys, answer: dict[str, Any] | None) -> Applied | None:
+        """What a vehicle answered to a change, None if it did not.
+
+        Raises RefusedError.
+        """
         if answer is None:
             return None
         if "retry_s" in answer:

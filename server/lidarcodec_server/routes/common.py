@@ -28,14 +28,15 @@ def stream_of(vehicle: Name, sensor: Name) -> StreamKeys:
     return StreamKeys(vehicle, sensor)
 
 
-def known_stream(service: Service, keys: StreamKeys) -> Stream:
-    """A stream as the server knows it.
+def known_stream(service: Service, keys: StreamKeys, remedy: str = "GET /api/v1/streams lists all") -> Stream:
+    """A stream as the server knows it. remedy: what to do if it was never seen
 
     Raises ProblemError 404 if it was never seen.
     """
     found = service.stream(keys)
     if found is None:
-        raise ProblemError(404, f"stream {keys.vehicle}/{keys.sensor} was never seen here", "unknown-stream")
+        detail = f"stream {keys.vehicle}/{keys.sensor} was never seen here: {remedy}"
+        raise ProblemError(404, detail, "unknown-stream")
     return found
 
 

@@ -50,7 +50,8 @@ def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAn
     "/settings",
     openapi_extra=CHANGE,
     responses={
-        202: {"model": ChangeAnswer, "description": "Stored: the vehicle is away and gets the change when it returns."}
+        404: {"description": "A stream that was never seen. `prepare` stores settings for it."},
+        202: {"model": ChangeAnswer, "description": "Stored: the vehicle is away and gets the change when it returns."},
     },
 )
 async def change(
@@ -60,11 +61,16 @@ async def change(
     changes: JsonObject,
     response: Response,
     strict: Annotated[bool, Query(description="Refuse a target bitrate that is out of reach, with 422.")] = False,
+    prepare: Annotated[
+        bool, Query(description="Also for a stream that was never seen; without it that is 404.")
+    ] = False,
 ) -> ChangeAnswer:
     """Change some settings between two frames: either all of the given ones or none. Settings that are set here
     override the vehicle's command line."""
 
     def work() -> State:
+        if not prepare:
+            known_stream(service, keys, "check the name, or add ?prepare=true for a vehicle that is yet to come")
         with service.limits.slot(operation.client.name, keys):
             if strict:
                 _check_reach(service.control.state(keys), changes)
@@ -86,11 +92,13 @@ def _check_reach(state: State, changes: dict[str, Any]) -> None:
 
 @router.delete("/settings")
 def forget(service: TheService, keys: TheStream, operation: Annotated[Operation, operates("forget")]) -> SettingsAnswer:
-    """Delete the settings that operators set. The vehicle keeps its current settings until it restarts; then its
-    command line applies."""
+    """Delete the settings that operators set. The vehicle returns to those of its command line, from `first_frame` on;
+    if it is away, as soon as it is back."""
     known_stream(service, keys)
     with service.limits.slot(operation.client.name, keys):
-        return SettingsAnswer.of(service.control.forget(keys, operation.client.name, operation.entered))
+        state = service.control.forget(keys, operation.client.name, operation.entered)
+    operation.first_frame = state.first_frame
+    return SettingsAnswer.of(state)
 
 
 @router.post("/keyframe")

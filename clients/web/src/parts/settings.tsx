@@ -124,11 +124,11 @@ export function SettingsForm({ name }: { name: string }) {
   async function once(
     method: string,
     tail: string,
-    done: (body: { first_frame?: number; merged?: boolean }) => string,
+    done: (body: { first_frame?: number | null; merged?: boolean }) => string,
   ) {
     outcome.value = { kind: "sending" };
     try {
-      const { body } = await call<{ first_frame?: number; merged?: boolean }>(method, `${path}/${tail}`);
+      const { body } = await call<{ first_frame?: number | null; merged?: boolean }>(method, `${path}/${tail}`);
       outcome.value = { kind: "note", text: done(body) };
     } catch (error) {
       outcome.value = refusal(error);
@@ -235,10 +235,14 @@ export function SettingsForm({ name }: { name: string }) {
             look="link"
             off={sending || !mayChange.value}
             press={() =>
-              once("DELETE", "settings", () => "Removed. At its next start the vehicle uses its command line.")
+              once("DELETE", "settings", (answer) =>
+                answer.first_frame == null
+                  ? "Removed. The vehicle returns to its own settings when it is back."
+                  : `Removed. The vehicle's own settings are in force from frame ${answer.first_frame} on.`,
+              )
             }
           >
-            Forget
+            Return to the vehicle's own
           </Button>
         </p>
       )}
