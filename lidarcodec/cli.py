@@ -23,7 +23,6 @@ from lidarcodec.commands.train import command as train
 
 app = typer.Typer(
     help="Compress LiDAR packets (Velodyne HDL-64E), send or store them, and get the same packets back.",
-    add_completion=False,
     invoke_without_command=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -58,7 +57,8 @@ def _common(
 
 
 for command in (
-    files.info, files.encode, files.decode, convert, join, files.verify, files.annotate, files.bench, files.simulate,
+    files.info, files.doctor, files.encode, files.decode, convert, join, files.verify, files.annotate, files.bench,
+    files.simulate,
     live.publish, live.subscribe, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
 ):  # fmt: skip
     app.command()(command)

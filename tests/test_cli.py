@@ -99,6 +99,22 @@ def test_without_a_command_the_help_is_shown_and_help_answers_at_once():
     assert "bench" in shown.stdout
 
 
+def test_help_shows_whole_sentences_and_no_variables():
+    for words in (["--help"], *([*path, "--help"] for path, _ in commands_of(command_line(app)) if path)):
+        shown = run_here(*words).stdout
+        assert not [line for line in shown.partition("Commands:")[2].splitlines() if line.endswith("...")], words
+        assert "env var" not in shown, words
+
+
+@pytest.mark.parametrize(
+    ("words", "offers"),
+    [("lidarcodec enc", {"encode"}), ("lidarcodec publish --recor", {"--record", "--record-as", "--record-gb"})],
+)
+def test_a_shell_completes_commands_and_options(words, offers):
+    shown = run(_LIDARCODEC_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(words.count(" ")))
+    assert (shown.returncode, set(shown.stdout.split())) == (0, offers), shown.stderr
+
+
 def test_every_option_has_an_environment_variable():
     result = run(
         "bench",

@@ -14,6 +14,7 @@ from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
+from tests.commands.test_json import check
 from tests.transport.test_contract import eventually
 
 PIPE_TO_NOBODY = "{} | true; exit ${{PIPESTATUS[0]}}"
@@ -63,6 +64,22 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     assert (summary["frames"], summary["errors"]) == (12, {})
     (recording,) = (tmp_path / "kept").glob("*.mcap")
     assert json.loads(run_here("verify", recording, capture, "--json").stdout)["packets_identical"] is True
+
+
+def test_a_stream_that_is_not_there_is_said_and_waited_for_and_a_loop_goes_on(capture, endpoint, subscriber):
+    receiving = subscriber("--frames", "20")
+    said = receiving.stderr.readline()
+    assert "nobody publishes car/roof yet; waiting" in said
+    sending = start(*publish(capture, endpoint, "--rate", "40", "--loop", "--json"))
+    out, complaints = receiving.communicate(timeout=40)
+    sending.terminate()
+    told, wrong = sending.communicate(timeout=30)
+    assert (receiving.returncode, sending.returncode) == (0, 0), complaints + wrong
+    summary, (status,) = json.loads(out), json.loads(told)["streams"]
+    check("subscribe", summary)
+    check("publish", {"streams": [status]})
+    assert summary["frames"] >= 20  # of a capture of 12
+    assert status["assembled"] > 12
 
 
 def test_fewer_frames_than_were_asked_for_are_an_error(capture, endpoint, subscriber):

@@ -14,6 +14,7 @@ from typing import Final
 
 from lidarcodec.codecs import table as codecs
 from lidarcodec.settings import StreamSettings
+from tools import command_tables
 
 DOCS: Final = Path(__file__).resolve().parent.parent / "docs"
 PLACE: Final = re.compile(r"(<!-- table: ([a-z ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
@@ -38,7 +39,14 @@ def settings() -> str:
     return "\n".join(rows)
 
 
-TABLES: Final[dict[str, Callable[[], str]]] = {"codec numbers": codec_numbers, "settings": settings}
+TABLES: Final[dict[str, Callable[[], str]]] = {
+    "codec numbers": codec_numbers,
+    "settings": settings,
+    "exit codes": command_tables.exit_codes,
+    "variables": command_tables.variables,
+    "further variables": command_tables.further_variables,
+    "json of commands": command_tables.json_of_commands,
+}
 
 
 def written(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -11,6 +10,7 @@ from typing import Any
 
 from lidarcodec.api import read_frames
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
@@ -46,7 +46,7 @@ def run(
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses
         about = annotate(islice(read_frames(source), skip, stop), folder, settings, known, workers, _stage)
-    print(json.dumps(about, indent=2) if as_json else _text(about))
+    tell(about | {"folder": str(out)}, f"{_text(about)}\nwritten          {out}", as_json)
 
 
 @contextmanager

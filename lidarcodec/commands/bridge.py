@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -13,8 +12,10 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.endpoints import endpoints_of
+from lidarcodec.commands.results.live import Bridged
 from lidarcodec.commands.running.run import keep_standard_output
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import prints, tell
 from lidarcodec.commands.signatures.common import AsJson, Connect, Listen, ZenohConfig
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import is_number
@@ -43,6 +44,7 @@ class Bridge(Protocol):
 
 
 @app.command()
+@prints(Bridged)
 def ros2(
     streams: StreamNames,
     ros_connect: Annotated[
@@ -96,6 +98,7 @@ def ros2(
 
 
 @app.command()
+@prints(Bridged)
 def foxglove(
     streams: StreamNames,
     host: Annotated[str, Option("--host", metavar="H", help="Address to listen on.")] = "127.0.0.1",
@@ -159,7 +162,7 @@ def _run(bridge: Bridge, as_json: bool) -> None:
         summary = bridge.summary()
     if show:
         sys.stderr.write("\r\x1b[K")
-    print(json.dumps(summary, indent=2) if as_json else _line(summary))
+    tell(summary, _line(summary), as_json)
 
 
 def _line(summary: dict[str, Any]) -> str:

@@ -11,8 +11,10 @@ from pathlib import Path
 from lidarcodec.commands.outputs import Output, check_output, contents_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.unkept import positions_in, positions_text
 from lidarcodec.errors import SourceError
@@ -22,7 +24,7 @@ from lidarcodec.sources.unit_calibration import warn_if_generic
 log = logging.getLogger(__name__)
 
 
-def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool = False) -> None:
+def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool = False, as_json: bool = False) -> None:
     """Decode frame by frame. A cut or damaged recording gives all its complete frames."""
     check_not_input(out, recording)
     check_output(out, force=force)
@@ -53,7 +55,13 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
         if watched.cut:
             output.only_part()
     _warn(recorded)
-    print(f"{output.kept}: {count} frames, {points:,} points{positions_text(out, positions)}")
+    kept = output.kept or out
+    found = Converted(
+        output=str(kept), form=out.suffix.lower().lstrip(".") or "kitti",
+        files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1, beside=[], frames=count, packets=None,
+        points=points, positions=positions, bytes=kept.stat().st_size if kept.is_file() else None,
+    )  # fmt: skip
+    tell(found, f"{kept}: {count} frames, {points:,} points{positions_text(out, positions)}", as_json)
     if watched.cut:
         raise remaining.stopped(out, output.kept, count, skip=skip, frames=frames)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import sys
 from pathlib import Path
 
 from lidarcodec.apps.demo.processes import PageServer, free_port
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 
 
 def run(
@@ -17,6 +20,7 @@ def run(
     *,
     port: int | None,
     browser: bool,
+    as_json: bool = False,
 ) -> None:
     """Run the demonstration, and print a summary."""
     meeting_port = free_port()
@@ -27,6 +31,9 @@ def run(
         settings = one_setting(codec, pairs)  # checked here, so that an error is one line
         words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
         words += ["--calibration", str(calibration)] if calibration else []
-        demo = Demo(source, seconds, settings, words, browser=browser)
+        demo = Demo(source, seconds, settings, words, browser=browser, out=sys.stderr if as_json else None)
         with stoppable(demo.interrupt):
-            demo.run(server, meeting_port)
+            figures = demo.run(server, meeting_port)
+        if as_json:
+            about = {"source": source, "page": demo.address, "picture": demo.saved}
+            tell(about | dataclasses.asdict(figures), "", as_json)

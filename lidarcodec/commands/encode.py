@@ -8,8 +8,10 @@ from pathlib import Path
 
 from lidarcodec.commands.coded_recording import CodedRecording
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.unkept import say_unkept
@@ -38,6 +40,7 @@ def run(
     learn: int = 0,
     force: bool = False,
     allow_missed: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name.
 
@@ -100,8 +103,7 @@ def run(
         if part:
             output.only_part()
     say_unkept(source.label, source.counts)
-    size = 0 if output.straight or output.kept is None else output.kept.stat().st_size
-    print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
+    _tell(output.kept or out, coded, as_json)
     if part:
         raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)
     if unfit is not None:
@@ -109,6 +111,17 @@ def run(
     missed = missed_target(encoder.settings, coded)
     if missed is not None and not allow_missed:
         raise TargetMissedError(missed)
+
+
+def _tell(kept: Path, coded: CodedRecording, as_json: bool) -> None:
+    """Print what was written."""
+    size = kept.stat().st_size if kept.is_file() else None
+    found = Converted(
+        output=str(kept), form="recording", files=1, beside=[], frames=coded.frames, packets=coded.packets,
+        points=None, positions=coded.positions, bytes=size, coded_bytes=coded.coded, packet_bytes=coded.payload_bytes,
+        ratio=coded.payload_bytes / max(coded.coded, 1), left_out=coded.left_out,
+    )  # fmt: skip
+    tell(found, f"{kept}: {coded.summary()}" + f"; with clouds the file has {size:,}" * coded.clouds, as_json)
 
 
 def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import ssl
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -13,6 +12,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from lidarcodec.apps import health
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
@@ -20,17 +20,18 @@ ANSWER_S = 5.0
 MAX_ANSWER_BYTES = 4096
 
 
-def run(file: Path | None, url: str | None) -> None:
-    """Print `well` if it works.
+def run(file: Path | None, url: str | None, as_json: bool = False) -> None:
+    """Print `well` if it works; as JSON also what is wrong.
 
     Raises SourceError if something is wrong, SettingsError unless exactly one of both arguments is given.
     """
     if (file is None) == (url is None):
         raise SettingsError("health needs --health-file FILE for a publisher, or --url URL for a server", "url")
     wrong = health.complaints(health.read(file), time.monotonic()) if file is not None else _of_server(str(url))
+    if not wrong or as_json:
+        tell({"well": not wrong, "wrong": wrong}, "well", as_json)
     if wrong:
         raise SourceError("; ".join(wrong))
-    print("well", file=sys.stdout)
 
 
 def _of_server(url: str) -> list[str]:

@@ -9,11 +9,11 @@ from lidarcodec.commands.running.stopping import stop_asked
 from lidarcodec.commands.server_extra import server_config, server_module
 
 
-def run(given: Given, **values: Any) -> None:
+def run(given: Given, as_json: bool = False, **values: Any) -> None:
     """Serve until a signal arrives."""
     config = server_config(endpoints=endpoints_of(given), **values)
     # A server for other machines must first check for tokens, and that needs its database.
     listener = server_module("door.listening").begin(config) if config.loopback else None
     server = server_module("serve")
     if not stop_asked():
-        server.run(config, listener)
+        server.run(config, listener, as_json=as_json)

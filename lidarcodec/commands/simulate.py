@@ -9,6 +9,7 @@ from pathlib import Path
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.commands.turns import Turns
 from lidarcodec.errors import SettingsError, SourceError
@@ -19,7 +20,7 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.simulator import SCENES, SimulatorSource
 
 
-def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:
+def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False, as_json: bool = False) -> None:
     """Write the packets, and next to them the description of the simulated sensor, where readers find it."""
     if not spec.startswith("sim:"):
         raise SettingsError(f"simulate needs one of sim:{', sim:'.join(SCENES)}, not {spec}")
@@ -50,8 +51,12 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
                 output.only_part()
     count, kept = turns.packets, output.kept
     what = "calibration" if source.sensor.is_hdl64e else "metadata"
-    beside = f"; {what} in {_described_in(kept, ending)}" if described and kept is not None else ""
-    print(f"{kept}: {count} packets, {count / turn:.1f} frames{beside}")
+    beside = [str(_described_in(kept, ending))] if described and kept is not None else []
+    tell(
+        {"output": str(kept), "beside": beside, "packets": count, "frames": count / turn},
+        f"{kept}: {count} packets, {count / turn:.1f} frames" + "".join(f"; {what} in {path}" for path in beside),
+        as_json,
+    )
     if turns.cut:
         raise remaining.stopped(out, kept, count // turn, skip=skip, frames=frames)
 

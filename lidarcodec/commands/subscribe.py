@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import SourceError
+from lidarcodec.frame import Frame
+from lidarcodec.transport.keys import PREFIX
 
 EVERY_S = 1.0
+ABSENT_S = 1.0
+"""After this time without a publisher, the command says that it waits for one."""
 
 
 def run(
@@ -32,7 +37,7 @@ def run(
 
     Raises SourceError if it stopped before `frames` frames had come.
     """
-    endpoints = endpoints_of(given)
+    endpoints, stream = endpoints_of(given), key.removeprefix(f"{PREFIX}/")
     live = LiveStream(
         key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end
     )
@@ -40,7 +45,7 @@ def run(
     count = 0
     with live, stoppable(live.interrupt) as stopped:
         shown_s = time.monotonic()
-        for count, _ in enumerate(live, 1):
+        for count, _ in enumerate(_frames(live, stream), 1):
             if show and time.monotonic() - shown_s >= EVERY_S:
                 shown_s = time.monotonic()
                 sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")
@@ -50,10 +55,22 @@ def run(
     summary["recording"] = live.summary()["recording"]  # after closing, when all waiting messages were written or lost
     if show:
         sys.stderr.write("\r\x1b[K")
-    print(json.dumps(summary, indent=2) if as_json else line_of(summary))
+    tell(summary | {"stream": stream}, line_of(summary), as_json)
     check_recorded({key: summary["recording"]})
     if frames is not None and count < frames and not stopped():
         raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} stopped")
+
+
+def _frames(live: LiveStream, stream: str) -> Iterator[Frame]:
+    """Frames of the stream. If it has no publisher at first, a line on stderr says so, and the wait goes on."""
+    first = live.next(ABSENT_S)
+    if first is not None:
+        yield first
+    elif not live.alive and not live.ended:
+        sys.stderr.write(
+            f"lidarcodec: nobody publishes {stream} yet; waiting. Check the name, and --connect if it is elsewhere\n"
+        )
+    yield from live
 
 
 def line_of(summary: dict[str, Any]) -> str:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from lidarcodec.apps.swarm import Swarm, loaded, vehicle_names
 from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
 from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.results.live import Swarmed
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.errors import SourceError
-from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 
 TICK_S = 0.1
@@ -54,10 +57,10 @@ class Load:
         options += [("--set", pair) for pair in self.pairs]
         options += [("--connect", one) for one in connect] + [("--listen", one) for one in listen]
         options += [("--zenoh-config", config)] if config else []
-        return ["swarm", str(count), self.spec, *(str(word) for option in options for word in option)]
+        return ["swarm", str(count), self.spec, "--json", *(str(word) for option in options for word in option)]
 
 
-def run(load: Load, processes: int | None) -> None:
+def run(load: Load, processes: int | None, as_json: bool = False) -> None:
     """Publish until a signal arrives, or for `load.seconds`.
 
     Raises SettingsError, SourceError, TransportError.
@@ -66,14 +69,15 @@ def run(load: Load, processes: int | None) -> None:
     endpoints_of(load.given)
     several = 1 if load.shared else min(load.count, processes or os.cpu_count() or 1)
     if several == 1:
-        _run_here(load)
+        parts = [_run_here(load)]
     else:
         with open_source(load.spec):  # here, so that an error is reported once and not by every part
             pass
-        _run_parts(load, several)
+        parts = _run_parts(load, several)
+    tell(added(parts), line_of(added(parts)), as_json)
 
 
-def _run_here(load: Load) -> None:
+def _run_here(load: Load) -> Swarmed:
     settings, endpoints = one_setting(load.codec, load.pairs), endpoints_of(load.given)
     names = vehicle_names(load.prefix, load.first, load.count)
     sensor, packets = loaded(load.spec, load.frames)
@@ -90,10 +94,10 @@ def _run_here(load: Load) -> None:
         statuses = swarm.statuses()
     if swarm.failure is not None and not stopped():
         raise swarm.failure
-    print(summary(statuses, settings))
+    return totals(statuses, settings.codec)
 
 
-def _run_parts(load: Load, several: int) -> None:
+def _run_parts(load: Load, several: int) -> list[Swarmed]:
     """Run parts of the swarm in processes of their own. If one ends early, all end; they also end with this process."""
     begin, parts, failed = load.first, [], False
     end_s = time.monotonic() + (math.inf if load.seconds is None else load.seconds)
@@ -102,7 +106,7 @@ def _run_parts(load: Load, several: int) -> None:
             for number in range(several):
                 size = (load.count - (begin - load.first)) // (several - number)
                 command = [sys.executable, "-P", "-m", "lidarcodec.commands.running.attached", *load.words(size, begin)]
-                parts.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=sys.stdout))
+                parts.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):
                 time.sleep(TICK_S)
@@ -116,6 +120,7 @@ def _run_parts(load: Load, several: int) -> None:
                     failed = True
     if failed or any(part.returncode for part in parts):
         raise SourceError("a part of the swarm failed")
+    return [cast(Swarmed, json.loads(part.stdout.read())) for part in parts if part.stdout is not None]
 
 
 def _ends(part: subprocess.Popen[bytes]) -> bool:
@@ -129,15 +134,35 @@ def _ends(part: subprocess.Popen[bytes]) -> bool:
     return True
 
 
-def summary(statuses: list[dict[str, Any]], settings: StreamSettings) -> str:
-    """Totals of all vehicles, in one line."""
+def totals(statuses: list[dict[str, Any]], codec: str) -> Swarmed:
+    """Totals of all vehicles."""
 
     def total(field: str) -> int:
         return sum(status[field] for status in statuses)
 
+    return Swarmed(
+        vehicles=len(statuses),
+        codec=codec,
+        frames=total("frames"),
+        bytes=total("bytes"),
+        replaced=total("replaced"),
+        no_receiver=total("no_receiver"),
+        left_out=total("left_out"),
+    )
+
+
+def added(parts: Sequence[Swarmed]) -> Swarmed:
+    """Totals of all parts of a swarm."""
+    whole = totals([dict(part) for part in parts], parts[0]["codec"])
+    whole["vehicles"] = sum(part["vehicles"] for part in parts)
+    return whole
+
+
+def line_of(found: Swarmed) -> str:
+    """The totals, in one line."""
     return (
-        f"{len(statuses)} vehicles with {settings.codec}: {total('frames')} frames in {total('bytes'):,} bytes sent, "
-        f"{total('replaced')} replaced, {total('no_receiver')} without a receiver"
-        + f", {total('left_out')} left out to keep the target"
-        * bool(total("left_out"))
+        f"{found['vehicles']} vehicles with {found['codec']}: {found['frames']} frames in {found['bytes']:,} bytes "
+        f"sent, {found['replaced']} replaced, {found['no_receiver']} without a receiver"
+        + f", {found['left_out']} left out to keep the target"
+        * bool(found["left_out"])
     )

@@ -14,8 +14,10 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.fleet import TokenAbout, TokenCreated, TokenRevoked
+from lidarcodec.commands.running.telling import prints, tell
 from lidarcodec.commands.server_extra import server_config, server_module
-from lidarcodec.commands.signatures.common import DatabasePassword
+from lidarcodec.commands.signatures.common import AsJson, DatabasePassword
 from lidarcodec.errors import SettingsError, SourceError
 
 app = typer.Typer(help="Create, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
@@ -28,6 +30,7 @@ Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 
 
 @app.command()
+@prints(TokenCreated)
 def create(
     name: Name,
     role: Annotated[
@@ -35,12 +38,14 @@ def create(
     ] = "viewer",
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
+    as_json: AsJson = False,
 ) -> None:
     """Create a token and print it. It is shown only once. From the first token on, every request needs a token."""
     store = _store(database_url, database_password_file, create=True)
     try:
         token = server_module("tokens").create_token(store, name, role, _who())
-        unprinted = _print(token)
+        created: TokenCreated = {"name": name, "role": role, "token": token}
+        unprinted = _print(json.dumps(created, indent=2) if as_json else token)
         if unprinted is not None:  # no user has it, so it must not stay valid
             store.revoke_token(name, _who())
             raise SourceError(
@@ -48,15 +53,16 @@ def create(
             )
     finally:
         store.close()
-    if sys.stderr.isatty():
+    if sys.stderr.isatty() and not as_json:
         sys.stderr.write("This token is shown only once: the server keeps only its digest.\n")
 
 
 @app.command("list")
+@prints(list[TokenAbout])
 def show(
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
-    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the names and roles of all tokens. The tokens themselves are not shown."""
     store = _store(database_url, database_password_file)
@@ -64,16 +70,23 @@ def show(
         known = [_about(token) for token in store.tokens()]
     finally:
         store.close()
-    if as_json:
-        print(json.dumps(known, indent=2))
-        return
-    for token in known:
-        state = f"revoked {token['revoked']}" if token["revoked"] else f"since {token['created']}"
-        print(f"{token['name']:24} {token['role']:10} {state}")
+    lines = [
+        f"{token['name']:24} {token['role']:10} "
+        + (f"revoked {token['revoked']}" if token["revoked"] else f"since {token['created']}")
+        for token in known
+    ]
+    if as_json or lines:
+        tell(known, "\n".join(lines), as_json)
 
 
 @app.command()
-def revoke(name: Name, database_url: Database = None, database_password_file: DatabasePassword = None) -> None:
+@prints(TokenRevoked)
+def revoke(
+    name: Name,
+    database_url: Database = None,
+    database_password_file: DatabasePassword = None,
+    as_json: AsJson = False,
+) -> None:
     """Revoke a token. It stops working within a second. Its name stays in the audit log and cannot be used again."""
     store = _store(database_url, database_password_file)
     try:
@@ -81,14 +94,15 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
             raise SettingsError(f"there is no valid token '{name}'", "name")
     finally:
         store.close()
+    tell({"name": name}, f"{name}: revoked", as_json)
 
 
-def _print(token: str) -> str | None:
-    """Print a token at once. Returns the reason if that fails, None otherwise."""
+def _print(text: str) -> str | None:
+    """Print a text with a token at once. Returns the reason if that fails, None otherwise."""
     if sys.stdout is None:  # the caller closed it (`>&-`)
         return "standard output is closed"
     try:
-        print(token, flush=True)
+        print(text, flush=True)
     except OSError as error:
         with contextlib.suppress(OSError):  # otherwise the interpreter tries again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -111,7 +125,7 @@ def _who() -> str:
         return "command line"
 
 
-def _about(token: Any) -> dict[str, str | None]:
+def _about(token: Any) -> TokenAbout:
     return {
         "name": token.name,
         "role": token.role,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
+import sys
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +13,7 @@ from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
@@ -72,7 +73,8 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         "broken": broken,
     }
     with suppress(BrokenPipeError):  # the reader has closed the output, but the exit code still counts
-        print(json.dumps(result, indent=2) if as_json else _text(result), flush=True)
+        tell(result, _text(result), as_json)
+        sys.stdout.flush()
     if coverage is None:
         raise StoppedError(f"stopped: only the first {comparison.frames} frames of {recording} were compared")
     return not broken

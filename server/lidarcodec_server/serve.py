@@ -6,6 +6,7 @@ It is one process: the service owns the network session and the decoders. The ca
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import resource
 import socket
@@ -40,13 +41,13 @@ class Listening(uvicorn.Server):
     """A uvicorn server with our own acceptor of connections."""
 
     def __init__(
-        self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor], address: str
+        self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor], ready: str
     ) -> None:
         """accept: begins to accept connections; its argument makes the protocol of each connection
-        address: printed once everything is open, so that a program that waits for this line can rely on the server
+        ready: line printed once everything is open, so that a program that waits for it can rely on the server
         """
         super().__init__(config)
-        self._accept, self._address = accept, address
+        self._accept, self._ready = accept, ready
         self._acceptor: Acceptor | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -55,7 +56,7 @@ class Listening(uvicorn.Server):
         if not self.started:
             return
         self._acceptor = self._accept(self._protocol)
-        print(f"Serving on {self._address} until you press Ctrl-C", flush=True)
+        print(self._ready, flush=True)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop accepting connections, and end."""
@@ -71,7 +72,7 @@ class Listening(uvicorn.Server):
         return made
 
 
-def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
+def run(config: ServerConfig, listener: socket.socket | None = None, *, as_json: bool = False) -> None:
     """Serve until a signal arrives. listener: from `listening.begin`, for a server that only this machine can reach
 
     Raises SettingsError if other machines can reach a server that needs no token; TransportError or StoreError if the
@@ -85,6 +86,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     inside = RequestProtocol.of(held, Times(config.request_s, config.read_s))
     tls = tls_of(config)
     door = Door.of(inside, tls)
+    address = address_of(listener, config)
     own = OwnCertificate(config, lambda renewed: setattr(door, "tls", renewed))
     server = Listening(
         uvicorn.Config(
@@ -104,7 +106,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             proxy_headers=False,
         ),
         lambda protocol: Acceptor(listener, protocol, held, tokens.owner, encrypted=tls is not None),
-        address_of(listener, config),
+        json.dumps({"address": address}) if as_json else f"Serving on {address} until you press Ctrl-C",
     )
     own.start()
     try:

@@ -19,7 +19,7 @@ OWN_FILES = {
     "lidarcodec/reduction/score_network.py": "weights of the package",
     "lidarcodec/ratecontrol/curve.py": "figures of the package",
     "lidarcodec/ratecontrol/image_curve.py": "figures of the package",
-    "lidarcodec/commands/info/about.py": "/proc",
+    "lidarcodec/commands/doctor/about.py": "/proc",
     "lidarcodec/transport/late_threads.py": "/proc",
     "lidarcodec/commands/join/captures.py": "as long as what it is compared with",
     "server/lidarcodec_server/routes/page.py": "the page of the package",

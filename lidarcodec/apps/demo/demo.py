@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from lidarcodec.apps.demo.browser import show as show_in_browser
 from lidarcodec.apps.demo.processes import PageServer, vehicle
@@ -98,7 +98,8 @@ class Demo:
 
     source: the vehicle's source; seconds: from the first frame on. None: until interrupted on a terminal, otherwise 20
     settings: of the stream; words: further options of `publish`; picture: file for the picture of the last frame
-    browser: whether to open the page
+    browser: whether to open the page;  out: where to print, standard output by default
+    address: of the page;  saved: path of the picture; None until then
     """
 
     def __init__(
@@ -110,9 +111,12 @@ class Demo:
         picture: Path = PICTURE,
         *,
         browser: bool = True,
+        out: TextIO | None = None,
     ) -> None:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
-        self._browser = browser
+        self._browser, self._out = browser, out or sys.stdout
+        self.address: str | None = None
+        self.saved: str | None = None
         self._fidelity = "packets are restored byte for byte"
         if not table.codec(without_auto(settings).codec).bounded:
             self._fidelity = "lossy, without an error bound"
@@ -185,21 +189,22 @@ class Demo:
         except TransportError as error:
             if server.port is not None:
                 raise
-            print(f"{error}.", flush=True)
+            self._print(f"{error}.")
             return False
         if address is None:
             return None
         opened = self._browser and show_in_browser(address)
-        print(f"The page is at {address}{' and opens in the browser' if opened else ''}", flush=True)
+        self.address = address
+        self._print(f"The page is at {address}{' and opens in the browser' if opened else ''}")
         return True
 
     def _limit_s(self, *, page: bool) -> float:
         """Time limit in seconds."""
         if self._seconds is not None:
             return self._seconds
-        if not page or not sys.stdout.isatty():
+        if not page or not self._out.isatty():
             return SECONDS
-        print("Press Ctrl-C to stop.", flush=True)
+        self._print("Press Ctrl-C to stop.")
         return math.inf
 
     def _watch(
@@ -207,7 +212,7 @@ class Demo:
     ) -> str | None:
         """Show figures until the end. Returns the reason of an early end, if any. server: the page's server, or None"""
         end = self._started + limit_s
-        with _display(self._source) as show:
+        with _display(self._source, self._out) as show:
             while time.monotonic() < end and not self._stopped:
                 frame = live.next(max(0.0, min(REDRAW_S, end - time.monotonic())))
                 if frame is not None:
@@ -253,10 +258,13 @@ class Demo:
                 figures.raw_kbps = packets * PACKET_BYTES * 8 * figures.fps / 1000
         return figures
 
+    def _print(self, text: str) -> None:
+        print(text, file=self._out, flush=True)
+
     def _summarise(self, figures: Figures) -> None:
-        print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver on this machine:")
+        self._print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver on this machine:")
         for name, value in figures.rows():
-            print(f"  {name:<20} {value}")
+            self._print(f"  {name:<20} {value}")
         if self._last is not None:
             title = f"lidarcodec   {self._source}   frame {self._last.index}"
             if figures.ratio is not None:
@@ -264,9 +272,10 @@ class Demo:
             try:
                 _save(self._last, title, self._picture)
             except (OSError, LidarCodecError) as error:  # without a picture the demonstration is still complete
-                print(f"  {'last frame':<20} not saved: {error}")
+                self._print(f"  {'last frame':<20} not saved: {error}")
             else:
-                print(f"  {'last frame':<20} {self._picture}")
+                self.saved = str(self._picture)
+                self._print(f"  {'last frame':<20} {self._picture}")
 
 
 def _save(frame: Frame, title: str, path: Path) -> None:
@@ -290,7 +299,7 @@ def _listening(meeting_port: int) -> LiveStream:
 
 
 @contextmanager
-def _display(source: str) -> Iterator[Any]:
+def _display(source: str, out: TextIO) -> Iterator[Any]:
     """A function that shows the figures: as a table on a terminal, otherwise as a line every two seconds."""
     shown_s = 0.0
 
@@ -302,18 +311,19 @@ def _display(source: str) -> Iterator[Any]:
         shown_s = now
         return True
 
-    if not sys.stdout.isatty():
+    if not out.isatty():
 
         def line(demo: Demo, live: LiveStream) -> None:
             if due(LINE_S):
-                print(demo.figures(live).line(), flush=True)
+                print(demo.figures(live).line(), file=out, flush=True)
 
         yield line
         return
+    from rich.console import Console
     from rich.live import Live
     from rich.table import Table
 
-    with Live(refresh_per_second=8, transient=True) as screen:
+    with Live(console=Console(file=out), refresh_per_second=8, transient=True) as screen:
 
         def table(demo: Demo, live: LiveStream) -> None:
             if due(REDRAW_S):

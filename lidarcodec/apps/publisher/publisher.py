@@ -65,6 +65,7 @@ class Publisher:
     source:    from `lidarcodec.open_source`; `stop` closes it
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
+    loop:      begin again at the end of a source that is not live
     endpoints: where to listen and connect; by default nothing leaves the machine
     transport: an open transport, or a function that opens one (argument: the event that stops it). The caller closes
                it; endpoints then only describe it
@@ -84,6 +85,7 @@ class Publisher:
         vehicle: str = "vehicle",
         sensor: str = "lidar",
         rate: Rate | None = None,
+        loop: bool = False,
         endpoints: Endpoints | None = None,
         transport: Transport | OpenTransport | None = None,
         record: Record | str | Path | None = None,
@@ -109,7 +111,7 @@ class Publisher:
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
         keep = None if kept is None or self._recorder is None else (self._recorder, kept.form)
-        self._feed = FrameFeed(source, asked.framing, 10.0 if rate is None else rate, keep, poses, clock)
+        self._feed = FrameFeed(source, asked.framing, 10.0 if rate is None else rate, keep, poses, clock, loop=loop)
         limit_s = PATIENT_S if self._every else LIMIT_S
         self._flight = Flight(asked.follow, limit_s=limit_s, slow_server=not self._network.one_machine)
         self._originals: Originals | None = None

@@ -33,6 +33,7 @@ class FrameFeed:
     """Reads a source, assembles frames, and puts each into the mailbox.
 
     rate: frames of 348 packets a second for a source that is not live, or `max`: as fast as frames are taken
+    loop: whether such a source begins again at its end
     keep: recorder of all packets or frames, and which of both it records
     packets, frames: number read so far
     """
@@ -45,13 +46,17 @@ class FrameFeed:
         keep: tuple[BackgroundRecorder, RecordAs] | None = None,
         poses: Poses | None = None,
         clock: Clock = SYSTEM,
+        *,
+        loop: bool = False,
     ) -> None:
         self.source, self._poses = source, poses
         self._paced: Source = source
         self._replay: PacedSource | None = None
         if rate != "max" and not source.live:
             speed = rate / NOMINAL_HZ
-            self._paced = self._replay = PacedSource(source, speed=speed, restamp=True, now_ns=clock.wall_ns)
+            self._paced = self._replay = PacedSource(source, speed=speed, loop=loop, restamp=True, now_ns=clock.wall_ns)
+        elif loop and not source.live:
+            self._paced = PacedSource(source, speed=float("inf"), loop=True)
         self._sensor_time = SensorTime()
         self.mailbox: Mailbox[Frame] = Mailbox()
         self._recorder = keep[0] if keep else None

@@ -226,6 +226,11 @@ class LiveStream:
         return self._receiver.alive
 
     @property
+    def ended(self) -> bool:
+        """Whether no more frames will come: the stream has ended, or was interrupted."""
+        return self._interrupted or self._frames.finished
+
+    @property
     def replaced(self) -> int:
         """Number of frames that a newer one replaced before the iteration took them."""
         return self._frames.replaced

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +13,7 @@ from lidarcodec.commands.bench.curve import curve, operating
 from lidarcodec.commands.bench.operating import OperatingPoints
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, interrupted_after
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import DecodeError, MissingExtraError, SettingsError
@@ -81,7 +81,7 @@ def run(
     part = done < len(jobs)
     end: list[dict[str, Any]] = [interrupted_after(done, len(jobs))] if part else []
     if as_json or results:
-        print(json.dumps(results + end, indent=2) if as_json else text_table(results))
+        tell(results + end, text_table(results) if results else "", as_json)
     if plot is not None and results:
         with whole(plot, force=force) as output:
             if part:

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certs.certificates import Authority, write_private
 from lidarcodec.commands.certs.folder_lock import locked
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import written_whole
 from lidarcodec.settings import valid_name
@@ -82,12 +83,15 @@ def run(
     port: int | None,
     days: int,
     installed: Path | None,
+    as_json: bool = False,
 ) -> None:
     """Make or extend a deployment, and print the files written. Only one call at a time changes a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
         people = {"vehicle": vehicles, "viewer": viewers, "operator": operators}
-        _change(folder, routers, people, remove, auth, port, days, installed)
+        written, notes = _change(folder, routers, people, remove, auth, port, days, installed)
+    paths = [str(folder / name) for name in written]
+    tell({"folder": str(folder), "written": paths, "notes": notes}, "\n".join([*paths, *notes]), as_json)
 
 
 def _change(
@@ -99,7 +103,8 @@ def _change(
     port: int | None,
     days: int,
     installed: Path | None,
-) -> None:
+) -> tuple[list[str], list[str]]:
+    """Returns the names of the files written, and notes for the user, a sentence each."""
     deployment = _read(folder / STATE, auth, port)
     ours = _files(deployment)
     named = _join(deployment, routers, people)
@@ -119,16 +124,15 @@ def _change(
     for old in gone_files - maker.expected():
         (folder / old).unlink(missing_ok=True)
     _save(folder / STATE, deployment)
+    notes: list[str] = []
     for left in sorted({path.name for path in folder.glob("*-*.json5")} - maker.expected() - gone_files):
-        print(f"{folder / left} does not belong to this deployment and was left unchanged")
-    for name in written:
-        print(folder / name)
+        notes.append(f"{folder / left} does not belong to this deployment and was left unchanged")
     for name, until in sorted(older.items()):
-        print(
+        notes.append(
             f"an older certificate of {name} stays valid until {until[:10]}: if somebody else has it, "
             f"use --remove {name} and choose another name"
         )
-    _say_validity(deployment)
+    return list(written), notes + _validity(deployment)
 
 
 def _take_out(deployment: Deployment, named: set[str], remove: list[str], path: Path) -> dict[str, Party]:
@@ -250,13 +254,16 @@ def _save(path: Path, deployment: Deployment) -> None:
         beside.write_text(json.dumps(deployment.model_dump(), indent=2) + "\n")
 
 
-def _say_validity(deployment: Deployment) -> None:
+def _validity(deployment: Deployment) -> list[str]:
+    """Certificates that end soon, a sentence each."""
+    notes = []
     ends = {name: party.until for name, party in deployment.parties.items() if party.until}
     now, soon = datetime.now(UTC), datetime.now(UTC) + timedelta(days=30)
     for name, until in sorted(ends.items()):
         if datetime.fromisoformat(until) < soon:
             state = "has expired" if datetime.fromisoformat(until) < now else f"is valid until {until[:10]}"
-            print(f"the certificate of {name} {state}: give its name again to renew it")
+            notes.append(f"the certificate of {name} {state}: give its name again to renew it")
+    return notes
 
 
 def _files(deployment: Deployment) -> set[str]:

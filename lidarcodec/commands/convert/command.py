@@ -8,8 +8,11 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.files import Converted
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import (
     AllowMissed,
+    AsJson,
     CalibrationFile,
     CodecName,
     Force,
@@ -24,6 +27,7 @@ from lidarcodec.commands.signatures.common import (
 )
 
 
+@prints(Converted)
 def convert(
     source: Source,
     out: Annotated[
@@ -58,9 +62,10 @@ def convert(
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: PosesFile = None,
+    as_json: AsJson = False,
 ) -> None:
     """Convert a source to a capture, a recording, or a rosbag2 (velodyne_msgs/VelodyneScan). Packets do not change."""
     from lidarcodec.commands.convert import convert as command
 
     command.run(of_model(source, model), out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds,
-                topic, frame_id, force, allow_missed)  # fmt: skip
+                topic, frame_id, force, allow_missed, as_json)  # fmt: skip

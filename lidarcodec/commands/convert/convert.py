@@ -14,8 +14,10 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, form_of, open_output
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns
 from lidarcodec.commands.unkept import say_unkept
@@ -50,6 +52,7 @@ def run(
     frame_id: str | None,
     force: bool,
     allow_missed: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Convert packet by packet. OUT appears when it is complete; after a signal the finished part has another name.
 
@@ -58,7 +61,7 @@ def run(
     wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
     if wanted.form == "recording":
-        encode.run(spec, out, codec, pairs, frames, skip, calibration, poses, clouds, 0, force, allow_missed)
+        encode.run(spec, out, codec, pairs, frames, skip, calibration, poses, clouds, 0, force, allow_missed, as_json)
         return
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
@@ -110,7 +113,15 @@ def run(
     turns_read = f", {count / FRAME_PACKETS:.1f} frames" * source.sensor.is_hdl64e
     more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
     where = _beside_text(kept, beside is not None and beside.parent != out, metadata is not None)
-    print(f"{kept}: {count} packets{turns_read}{more}{'; ' * bool(said)}{said}{where}")
+    text = f"{kept}: {count} packets{turns_read}{more}{'; ' * bool(said)}{said}{where}"
+    found = Converted(
+        output=str(kept), form=wanted.form, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1,
+        beside=[str(path) for path, there in ((_calibration_of(kept), beside is not None and beside.parent != out),
+                                              (_metadata_of(kept), metadata is not None)) if there],
+        frames=count / FRAME_PACKETS if source.sensor.is_hdl64e else None, packets=count, points=None,
+        positions=turns.positions, bytes=kept.stat().st_size if kept.is_file() else None,
+    )  # fmt: skip
+    tell(found, text, as_json)
     _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)

@@ -8,7 +8,10 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.signatures.common import Force
+from lidarcodec.commands.results.about import Interrupted
+from lidarcodec.commands.results.measured import Localised
+from lidarcodec.commands.running.telling import prints
+from lidarcodec.commands.signatures.common import AsJson, Force
 
 app = typer.Typer(help="Measure how useful decoded streams are.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -19,6 +22,7 @@ def _group() -> None:
 
 
 @app.command()
+@prints(list[Localised | Interrupted])
 def localisation(
     sources: Annotated[
         list[str],
@@ -104,7 +108,7 @@ def localisation(
         Path | None, Option("--plots", metavar="DIR", help="Draw box plots and maps into DIR (extra `plot`).")
     ] = None,
     force: Force = False,
-    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Localise drives with reduced and coded scans only. Print the errors, and how often the position was lost."""
     from lidarcodec.commands.evaluate import localisation as command

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ from typing import Any, Final, TypeVar
 from lidarcodec.commands.bench.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, interrupted_after
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import SettingsError
@@ -155,12 +155,12 @@ def run(
 def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool, end: list[dict[str, bool | int]]) -> None:
     results: list[dict[str, Any]] = [outcome.result for outcome in outcomes]
     results += over_drives(outcomes, asked.seed)
-    if as_json:
-        print(json.dumps(results + end, indent=2))
-    elif results:
-        print(text_tables(results))
-        if asked.sweep:
-            print("\n".join(["", *_crossing_lines(asked, [outcome.result for outcome in outcomes])]))
+    if not (as_json or results):
+        return
+    lines = [text_tables(results)] if results else []
+    if asked.sweep and results:
+        lines += ["", *_crossing_lines(asked, [outcome.result for outcome in outcomes])]
+    tell(results + end, "\n".join(lines), as_json)
 
 
 def _crossing_lines(asked: Asked, results: Sequence[dict[str, Any]]) -> list[str]:

@@ -1,11 +1,11 @@
-"""`lidarcodec info`: describes a source, a recording, one message, or this installation."""
+"""`lidarcodec info`: describes a source, a recording, or one message."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
@@ -13,17 +13,10 @@ from lidarcodec.sources.table import SCHEMES, kind_of
 KEY_WIDTH = 24
 
 
-def run(source: str | None, message: int | None, calibration: Path | None, as_json: bool) -> None:
+def run(source: str, message: int | None, calibration: Path | None, as_json: bool) -> None:
     """Collect the information and print it."""
-    if source is None:
-        if message is not None:
-            raise SettingsError("--message N needs a recording: lidarcodec info FILE.mcap --message N", "message")
-        from lidarcodec.commands.info.about import about
-
-        found = about()
-    else:
-        found = _of_source(source, message, calibration)
-    print(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+    found = _of_source(source, message, calibration)
+    tell(found, "\n".join(lines_of(found)), as_json)
 
 
 def _of_source(source: str, message: int | None, calibration: Path | None) -> dict[str, Any]:
@@ -43,7 +36,7 @@ def _of_source(source: str, message: int | None, calibration: Path | None) -> di
     return inspect_source(source, calibration)
 
 
-def _lines(values: dict[str, Any], indent: str = "") -> list[str]:
+def lines_of(values: dict[str, Any], indent: str = "") -> list[str]:
     """Lines of a key and a value. Mappings and tables are indented below their key."""
     lines = []
     for key, value in values.items():
@@ -51,7 +44,7 @@ def _lines(values: dict[str, Any], indent: str = "") -> list[str]:
         if isinstance(value, dict) and value.keys() == {"origin", "hash"}:
             lines.append(f"{name:<{KEY_WIDTH}} {value['origin']} {value['hash']}")
         elif isinstance(value, dict) and value:
-            lines += [name, *_lines(value, indent + "  ")]
+            lines += [name, *lines_of(value, indent + "  ")]
         elif isinstance(value, list) and value:
             lines += [name, *(f"{indent}  {row}" for row in _table(value))]
         elif value not in (None, {}, []):

@@ -11,6 +11,7 @@ from typing import BinaryIO, Final, NamedTuple
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import check_free, whole
@@ -35,7 +36,7 @@ class Record(NamedTuple):
     data: bytes
 
 
-def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
+def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:
     """Copy the parts, and the calibration next to them.
 
     Raises SourceError for a damaged part. If gaps are allowed, its complete packets are copied instead.
@@ -76,9 +77,15 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
                 tick()
                 if watched.cut:
                     raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
-        if table is not None and not output.straight:
+        beside = table is not None and not output.straight
+        if table is not None and beside:
             output.companion(_calibration_of, ".xml").write_bytes(table)
-    print(f"{output.kept}: {count} packets of {len(paths)} parts")
+    tables = [str(_calibration_of(output.kept))] if beside and output.kept is not None else []
+    tell(
+        {"output": str(output.kept), "beside": tables, "parts": len(paths), "messages": None, "packets": count},
+        f"{output.kept}: {count} packets of {len(paths)} parts" + "".join(f"; calibration in {one}" for one in tables),
+        as_json,
+    )
 
 
 def _records(handle: BinaryIO, path: Path, order: str, allow_gap: bool) -> Iterator[Record]:

@@ -8,9 +8,12 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.signatures.common import Force
+from lidarcodec.commands.results.files import Joined
+from lidarcodec.commands.running.telling import prints
+from lidarcodec.commands.signatures.common import AsJson, Force
 
 
+@prints(Joined)
 def join(
     parts: Annotated[
         list[Path],
@@ -21,6 +24,7 @@ def join(
         bool, Option("--allow-gap", help="Also join damaged parts, and parts with missing frames between them.")
     ] = False,
     force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Join parts of a drive: recordings (.mcap) or captures (.pcap). Messages and packets do not change."""
     from lidarcodec.commands.join import captures, recordings
@@ -39,6 +43,6 @@ def join(
         check_not_input(out, part)
     check_free(out, force=force)
     if ending == ".mcap":
-        recordings.run(parts, out, allow_gap, force)
+        recordings.run(parts, out, allow_gap, force, as_json)
     else:
-        captures.run(parts, out, allow_gap, force)
+        captures.run(parts, out, allow_gap, force, as_json)

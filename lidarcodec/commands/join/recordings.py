@@ -14,6 +14,7 @@ from lidarcodec import wire
 from lidarcodec.assembly import packets_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import whole
@@ -58,7 +59,7 @@ class Part:
             return ""
 
 
-def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
+def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:
     """Check the parts, then copy them."""
     with ExitStack() as files, stoppable() as stopped:
         parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
@@ -82,7 +83,11 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
             if watched.cut:
                 raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
             writer.close()
-    print(f"{output.kept}: {count} messages of {len(parts)} parts")
+    tell(
+        {"output": str(output.kept), "beside": [], "parts": len(parts), "messages": count, "packets": None},
+        f"{output.kept}: {count} messages of {len(parts)} parts",
+        as_json,
+    )
 
 
 def _everything(parts: Sequence[Part]) -> Iterator[tuple[Part, Channel, Stored]]:

@@ -12,12 +12,13 @@ from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.unkept import check_recorded, say_unkept
 from lidarcodec.errors import SettingsError
 from lidarcodec.network.shelf import look_in
 from lidarcodec.ratecontrol.presets import preset
-from lidarcodec.sources import open_source
+from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.transport import Endpoints, party_of
 
 OWN_POSES = Path("source")
@@ -86,6 +87,8 @@ def run(
     original: bool,
     weights_dir: Path | None,
     link: str | None = None,
+    loop: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Publish until the source ends or a signal arrives."""
     if record_as not in ("packets", "lossless"):
@@ -98,6 +101,7 @@ def run(
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
     own_poses = poses == OWN_POSES
     with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
+        check_loop(source, loop)
         if own_poses and source.poses is None:
             raise SettingsError(f"{spec} has no poses of its own: give a file with --poses FILE", "poses")
         publisher = Publisher(
@@ -106,6 +110,7 @@ def run(
             vehicle=vehicle_of(vehicle, endpoints),
             sensor=sensor,
             rate=frames_a_second,
+            loop=loop,
             endpoints=endpoints,
             record=None if record is None else Record(record, cast(RecordAs, record_as), record_limits(record_gb)),
             poses=source.poses if poses else None,
@@ -115,13 +120,32 @@ def run(
         with stoppable(publisher.interrupt), health:
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
-    print(summary_line(publisher.status()), file=sys.stdout)
-    check_recorded(recordings_of([publisher.status()]))
+    tell_of([publisher.status()], as_json)
 
 
 def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:
     """States of recordings by stream."""
     return {f"{status['vehicle']}/{status['sensor']}": status["recording"] for status in statuses}
+
+
+def tell_of(statuses: list[dict[str, Any]], as_json: bool) -> None:
+    """Print what was published, and the folders of recordings.
+
+    Raises SourceError if a recording is not complete.
+    """
+    recordings = recordings_of(statuses)
+    lines = [summary_line(status) for status in statuses]
+    lines += [
+        f"{name}: recorded, the last file is {one['file']}" for name, one in recordings.items() if one and one["file"]
+    ]
+    tell({"streams": statuses}, "\n".join(lines), as_json)
+    check_recorded(recordings)
+
+
+def check_loop(source: PacketSource, loop: bool) -> None:
+    """Raise SettingsError if a live source is to be repeated."""
+    if loop and source.live:
+        raise SettingsError(f"{source.label} is live, so it cannot be repeated: leave out --loop", "loop")
 
 
 def summary_line(status: dict[str, Any]) -> str:

@@ -8,7 +8,6 @@ lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m: In
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,10 +21,9 @@ from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs import table
 from lidarcodec.commands.endpoints import Given, endpoints_of
-from lidarcodec.commands.publish.command import record_limits, recordings_of, summary_line, vehicle_of
+from lidarcodec.commands.publish.command import record_limits, tell_of, vehicle_of
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import settings_of
-from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.network.shelf import look_in
 from lidarcodec.sensors import read_calibration
@@ -186,7 +184,14 @@ def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
     return parse(text, str(path), weights_dir)
 
 
-def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None, weights_dir: Path | None) -> None:
+def run(
+    path: Path,
+    vehicle: str | None,
+    given: Given,
+    health_file: Path | None,
+    weights_dir: Path | None,
+    as_json: bool = False,
+) -> None:
     """Publish until every source has ended or a signal arrives. The command line overrides the file."""
     config = read(path, weights_dir)
     for number, sensor in enumerate(config.sensors):
@@ -200,9 +205,9 @@ def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None,
     with running, stoppable(running.interrupt) as stopped, health_file_or_nothing(health_file, running.states):
         running.wait()
         failures = {} if stopped() else running.failures()
-    for status in running.statuses():
-        print(summary_line(status), file=sys.stdout)
-    if failures:
-        told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
-        raise SourceError(f"not everything was published: {told}")
-    check_recorded(recordings_of(running.statuses()))
+    try:
+        tell_of(running.statuses(), as_json)
+    finally:  # a failed sensor is said first
+        if failures:
+            told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
+            raise SourceError(f"not everything was published: {told}")

@@ -98,7 +98,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
             sys.stdout.reconfigure(errors="backslashreplace")
     code = None
     try:
-        code = command_line(app, given)(given, prog_name="lidarcodec", standalone_mode=False)
+        code = command_line(app, given)(given, prog_name="lidarcodec", standalone_mode=False, obj=app)
         unprinted = _unprinted()
     except KeyboardInterrupt:
         return _stopped(given)

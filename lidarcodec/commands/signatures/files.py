@@ -8,7 +8,12 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.about import Doctor, Interrupted, MessageInfo, RecordingInfo, SourceInfo
+from lidarcodec.commands.results.files import Converted, Labelled, Simulated, Verified
+from lidarcodec.commands.results.measured import Benched
 from lidarcodec.commands.running.ending import FAILED
+from lidarcodec.commands.running.options import known_variables
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import (
     MAX_FRAMES,
     AllowMissed,
@@ -27,9 +32,12 @@ from lidarcodec.commands.signatures.common import (
     of_model,
 )
 from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
+from lidarcodec.errors import SettingsError
 
 
+@prints(SourceInfo | RecordingInfo | MessageInfo | Doctor)
 def info(
+    context: typer.Context,
     source: Annotated[
         str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A source or a recording.")
     ] = None,
@@ -41,12 +49,28 @@ def info(
     model: ModelName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Describe a source or a recording. Without SOURCE: show versions, extras, ports, clock and settings."""
+    """Describe a source or a recording. Without SOURCE: the same as `doctor`."""
+    if source is None:
+        if message is not None:
+            raise SettingsError("--message N needs a recording: lidarcodec info FILE.mcap --message N", "message")
+        doctor(context, as_json)
+        return
     from lidarcodec.commands.info import command
 
-    command.run(None if source is None else of_model(source, model), message, calibration, as_json)
+    command.run(of_model(source, model), message, calibration, as_json)
 
 
+@prints(Doctor)
+def doctor(context: typer.Context, as_json: AsJson = False) -> None:
+    """Check this machine: packages, extras, kernel buffers, clock, ports, settings and variables. The exit code is 1 if
+    something is bad."""
+    from lidarcodec.commands.doctor import command
+
+    if not command.run(known_variables(context.obj), as_json):
+        raise typer.Exit(FAILED)
+
+
+@prints(Converted)
 def encode(
     source: Source,
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", show_default=False)],
@@ -64,15 +88,17 @@ def encode(
     learn: LearnSteps = 0,
     allow_missed: AllowMissed = False,
     force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     command.run(of_model(source, model), out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force,
-                allow_missed)  # fmt: skip
+                allow_missed, as_json)  # fmt: skip
 
 
+@prints(Converted)
 def decode(
     recording: Annotated[Path, typer.Argument(metavar="IN.mcap", show_default=False)],
     out: Annotated[
@@ -84,13 +110,15 @@ def decode(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Decode a recording into packets (.pcap), images (.npz), points (.ply .las) or a folder of KITTI .bin files."""
     from lidarcodec.commands import decode as command
 
-    command.run(recording, out, frames, skip, force)
+    command.run(recording, out, frames, skip, force, as_json)
 
 
+@prints(Verified)
 def verify(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
     source: Source,
@@ -110,6 +138,7 @@ def verify(
         raise typer.Exit(FAILED)
 
 
+@prints(Labelled)
 def annotate(
     source: Source,
     out: Annotated[
@@ -153,6 +182,7 @@ def annotate(
                 label_every=label_every)  # fmt: skip
 
 
+@prints(list[Benched | Interrupted])
 def bench(
     source: Source,
     codec: Annotated[
@@ -223,14 +253,16 @@ def bench(
     )
 
 
+@prints(Simulated)
 def simulate(
     source: Annotated[str, typer.Argument(metavar="sim:SCENE", show_default=False)],
     out: Annotated[Path, typer.Argument(metavar="OUT.pcap", show_default=False)],
     frames: FrameCount = None,
     skip: SkipCount = 0,
     force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a simulated drive as a capture: sim:city, road, street, bend, motorway or garage, with ?sensor=os1-128."""
     from lidarcodec.commands import simulate as command
 
-    command.run(source, out, frames, skip, force)
+    command.run(source, out, frames, skip, force, as_json)

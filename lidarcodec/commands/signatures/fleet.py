@@ -8,10 +8,23 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.about import Health
+from lidarcodec.commands.results.fleet import Certified
+from lidarcodec.commands.results.live import Serving, Swarmed
 from lidarcodec.commands.running.run import keep_standard_output
-from lidarcodec.commands.signatures.common import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
+from lidarcodec.commands.running.telling import prints
+from lidarcodec.commands.signatures.common import (
+    AsJson,
+    CodecName,
+    Connect,
+    DatabasePassword,
+    Listen,
+    Pairs,
+    ZenohConfig,
+)
 
 
+@prints(Swarmed)
 def swarm(
     count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
     source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
@@ -42,6 +55,7 @@ def swarm(
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
     first: Annotated[int, Option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Publish N vehicles at once, to test a network, a router or a server under load."""
     from lidarcodec.commands import swarm as command
@@ -49,9 +63,10 @@ def swarm(
     keep_standard_output()
     given = (connect or [], listen or [], zenoh_config)
     load = command.Load(count, source, vehicle_prefix, codec, pairs or [], rate, frames, shared, seconds, given, first)
-    command.run(load, processes)
+    command.run(load, processes, as_json)
 
 
+@prints(Certified)
 def certs(
     folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
     router: Annotated[
@@ -82,15 +97,18 @@ def certs(
     installed: Annotated[
         Path | None, Option("--installed", metavar="DIR", help="Folder on the router that will hold users.txt.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Create or extend a secured deployment: an authority, and a Zenoh configuration for each machine and person."""
     from lidarcodec.commands.certs import command
 
     command.run(
-        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed
-    )
+        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed,
+        as_json,
+    )  # fmt: skip
 
 
+@prints(Serving)
 def serve(
     host: Annotated[str | None, Option("--host", metavar="H", help="Address to listen on. Default: 127.0.0.1.")] = None,
     port: Annotated[
@@ -225,6 +243,7 @@ def serve(
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run a web server to watch and change the streams of a fleet (extra `server`). Ctrl-C stops it."""
     from lidarcodec.commands import serve as command
@@ -232,6 +251,7 @@ def serve(
     keep_standard_output()
     command.run(
         (connect or [], listen or [], zenoh_config),
+        as_json,
         host=host, port=port, database_url=database_url, database_password_file=database_password_file,
         tls_certificate=tls_certificate, tls_key=tls_key,
         insecure=insecure, open=open_again, metrics_open=metrics_open, max_streams=max_streams,
@@ -246,6 +266,7 @@ def serve(
     )  # fmt: skip
 
 
+@prints(Health)
 def health(
     health_file: Annotated[
         Path | None, Option("--health-file", metavar="FILE", help="The file of `publish --health-file`.")
@@ -253,11 +274,12 @@ def health(
     url: Annotated[
         str | None, Option("--url", metavar="URL", help="Address of a server, for example http://127.0.0.1:8080.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Check whether a publisher or a server on this machine works. If not, print what is wrong and exit with 1."""
     from lidarcodec.commands import health as command
 
-    command.run(health_file, url)
+    command.run(health_file, url, as_json)
 
 
 __all__ = ["certs", "health", "serve", "swarm"]

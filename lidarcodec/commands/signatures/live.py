@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.live import Received, Shown, Streams
 from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import (
     AsJson,
     CalibrationFile,
@@ -26,6 +28,7 @@ from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, R
 from lidarcodec.errors import SettingsError
 
 
+@prints(Streams)
 def publish(
     source: Annotated[
         str | None,
@@ -63,6 +66,7 @@ def publish(
             help="Play a recorded source at HZ frames a second (default: 10). max: do not skip any frame.",
         ),
     ] = None,
+    loop: Annotated[bool, Option("--loop", help="Begin again at the end of a recorded source.")] = False,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -118,6 +122,7 @@ def publish(
             help="Folder with your own weights for `riddle`. The setting `weights` can name them.",
         ),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Publish a source over Zenoh. A newer frame replaces one that waits. Stops when the source ends, or with
     Ctrl-C.
@@ -134,9 +139,11 @@ def publish(
                 "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
                 "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
                 "--calibration": calibration, "--model": model, "--poses": poses, "--original": original,
+                "--loop": loop,
             }
         )  # fmt: skip
-        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
+        given = (connect or [], listen or [], zenoh_config)
+        publish_config.run(config, vehicle, given, health_file, weights_dir, as_json)
         return
     if source is None:
         raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
@@ -147,10 +154,11 @@ def publish(
         reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
-        health_file, original, weights_dir, link,
+        health_file, original, weights_dir, link, loop, as_json,
     )  # fmt: skip
 
 
+@prints(Received)
 def subscribe(
     key: Annotated[
         str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
@@ -186,6 +194,7 @@ def subscribe(
     command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
 
 
+@prints(Shown)
 def demo(
     seconds: Annotated[
         float | None,
@@ -209,9 +218,11 @@ def demo(
             help="Port of the page. Default: 8080, or a free port if it is taken.",
         ),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show a simulated drive live in the browser. Runs a vehicle and a server, and prints a summary at the end."""
     from lidarcodec.commands import demo as command
 
     keep_standard_output()
-    command.run(seconds, of_model(source, model), codec, pairs or [], calibration, port=port, browser=not no_browser)
+    command.run(seconds, of_model(source, model), codec, pairs or [], calibration, port=port, browser=not no_browser,
+                as_json=as_json)  # fmt: skip

@@ -10,7 +10,9 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.progress import progress
-from lidarcodec.commands.signatures.common import Force
+from lidarcodec.commands.results.fleet import TrainedScores
+from lidarcodec.commands.running.telling import prints, tell
+from lidarcodec.commands.signatures.common import AsJson, Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.training import training_module
@@ -33,6 +35,7 @@ Seconds = Annotated[
 ]
 
 
+@prints(TrainedScores)
 def poconet(
     drives: Drives,
     out: Out,
@@ -48,6 +51,7 @@ def poconet(
     seed: Seed = 1,
     device: Device = "auto",
     threads: Threads = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Train PocoNet, the paper's network, on annotated drives (extra `learned`)."""
     training = _begun(drives, test, threads, "train_poconet")
@@ -57,9 +61,10 @@ def poconet(
             drives, out, run, device, tick=lambda *_: tick(), every=every, seconds=seconds
         )  # fmt: skip
     used = run.on(next(net.parameters()).device)["points"]
-    _tell(out, {str(drive): training.measure_poconet(net, [drive], used) for drive in test or []})
+    _tell([out], {str(drive): training.measure_poconet(net, [drive], used) for drive in test or []}, as_json)
 
 
+@prints(TrainedScores)
 def scores(
     drives: Drives,
     out: Out,
@@ -76,6 +81,7 @@ def scores(
     seed: Seed = 1,
     device: Device = "auto",
     threads: Threads = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Train the small network of the reducers `poconet` and `poconet-paper` on annotated drives (extra `learned`)."""
     if onnx is not None:
@@ -88,7 +94,8 @@ def scores(
         net = training.train_scores(examples, out, run, device, tick=lambda *_: tick(), seconds=seconds)
     if onnx is not None:
         training_module("export_scores").export_scores(net, onnx, {"trained_on": note, "licence": licence}, force=force)
-    _tell(out, {str(drive): training.measure_scores(net.eval(), [drive]) for drive in test or []})
+    tests = {str(drive): training.measure_scores(net.eval(), [drive]) for drive in test or []}
+    _tell([out, *([onnx] if onnx is not None else [])], tests, as_json)
 
 
 def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: str) -> Any:
@@ -101,6 +108,11 @@ def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: st
     return training_module(module)
 
 
-def _tell(out: Path, found: dict[str, Any]) -> None:
-    about = training_module("runs").load_checkpoint(out)
-    print(json.dumps({"steps": about.step, "seconds": round(about.seconds, 1), "tests": found}, indent=2))
+def _tell(outputs: list[Path], tests: dict[str, Any], as_json: bool) -> None:
+    """Print the end of a training. The first output is the checkpoint."""
+    about = training_module("runs").load_checkpoint(outputs[0])
+    paths, seconds = [str(path) for path in outputs], round(about.seconds, 1)
+    lines = [f"{', '.join(paths)}: {about.step} steps in {seconds} s"]
+    lines += [f"{drive}: {json.dumps(found)}" for drive, found in tests.items()]
+    result = {"outputs": paths, "steps": about.step, "seconds": seconds, "tests": tests}
+    tell(result, "\n".join(lines), as_json)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from typer import Option
 
-from lidarcodec.commands.signatures.common import Force
+from lidarcodec.commands.results.fleet import Trained
+from lidarcodec.commands.running.telling import prints, tell
+from lidarcodec.commands.signatures.common import AsJson, Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 
 Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", show_default=False)]
 
 
+@prints(Trained)
 def riddle(
     sources: Names = None,
     out: Annotated[
@@ -98,6 +102,7 @@ def riddle(
     ] = None,
     force: Force = False,
     date: Annotated[str | None, Option("--date", metavar="TEXT", help="Date, as noted in the file.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Train the networks of codec riddle. After a stop, the same command continues."""
     from lidarcodec.commands.sources import check_finite, check_not_input, identity
@@ -124,8 +129,15 @@ def riddle(
         learned, single, held, simulated, tuple(size.split(",")), tuple(kind.split(",")), steps, batch,
         precision=precision, begin=begin, beside=beside, tiles=tiles, gathering=how, about=about,
     )  # fmt: skip
-    weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
-    for net in weights.provenance["networks"]:
-        bits = f"{net['in whole numbers']:.4f} bits a return"
-        print(f"{net['network']}: {bits} for the first 5 bits of ranges, on held-out drives")
-    print(f"{out}: {len(weights.data)} bytes, weights {weights.name}")
+    weights = run.train(
+        wanted, out, device=device, say=lambda line: print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
+    )
+    networks = weights.provenance["networks"]
+    lines = [
+        f"{net['network']}: {net['in whole numbers']:.4f} bits a return for the first 5 bits of ranges, "
+        "on held-out drives"
+        for net in networks
+    ]
+    lines.append(f"{out}: {len(weights.data)} bytes, weights {weights.name}")
+    result = {"output": str(out), "bytes": len(weights.data), "weights": weights.name, "networks": networks}
+    tell(result, "\n".join(lines), as_json)

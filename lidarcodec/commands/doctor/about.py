@@ -1,4 +1,4 @@
-"""`lidarcodec info` without a source: versions, extras, ports, clock, and the settings in effect."""
+"""Facts about this machine: versions, extras, ports, clock, and the settings in effect."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import socket
 import time
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import lidarcodec
 from lidarcodec.commands.running.options import variable
 from lidarcodec.commands.settings import one_setting
+from lidarcodec.errors import LidarCodecError
 from lidarcodec.evaluation.bench import effective
 from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.udp.socket import KERNEL_BYTES, PACKETS_PER_SECOND
 from lidarcodec.units import DATA_PORT
 
 ZENOH_PORT = 7447
@@ -67,23 +68,38 @@ def _port_state(kind: socket.SocketKind, port: int) -> str:
         return "free"
 
 
-def _clock() -> str:
-    now = time.time_ns()
-    text = f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime(now // 10**9))} UTC"
+def _time() -> str:
+    return f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime())} UTC"
+
+
+def clock_is_held() -> bool | None:
+    """Whether a time service synchronises the clock; None if the system does not say."""
     try:
-        held = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512)) != CLOCK_UNSYNCHRONISED
+        return bool(ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512)) != CLOCK_UNSYNCHRONISED)
     except (OSError, AttributeError):
-        return text
-    return f"{text}, {'synchronised' if held else 'NOT synchronised: latencies between machines will be wrong'}"
+        return None
+
+
+def _clock() -> str:
+    held = clock_is_held()
+    return _time() + {None: "", True: ", synchronised", False: ", NOT synchronised"}[held]
+
+
+def receive_buffer() -> int | None:
+    """Largest receive buffer of a socket in bytes (net.core.rmem_max); None if the system does not say."""
+    try:
+        return int(Path("/proc/sys/net/core/rmem_max").read_text())
+    except (OSError, ValueError):
+        return None
 
 
 def _receive_buffer() -> str:
-    try:
-        limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
-    except (OSError, ValueError):
+    limit = receive_buffer()
+    if limit is None:
         return "unknown"
-    # An HDL-64E sends 1206 bytes every 288 us; the kernel counts 2304 bytes for each of them.
-    return f"{limit} bytes (net.core.rmem_max), about {limit / 2304 * 0.288:.0f} ms of an HDL-64E"
+    # The kernel doubles what a socket asks for, and counts 2304 bytes for each packet of 1206.
+    ms = 2 * limit / KERNEL_BYTES / PACKETS_PER_SECOND * 1000
+    return f"{limit} bytes (net.core.rmem_max), {ms:.0f} ms of an HDL-64E"
 
 
 def _settings() -> dict[str, str]:
@@ -91,7 +107,10 @@ def _settings() -> dict[str, str]:
     pairs = os.environ.get(set_, "").split()
     named = {pair.partition("=")[0] for pair in pairs}
     codec = os.environ.get(codec_)
-    values = effective(one_setting(codec, pairs))
+    try:
+        values = effective(one_setting(codec, pairs))
+    except LidarCodecError as error:
+        return {"wrong": f"{set_} or {codec_}: {error}"}
     lines = {}
     for key, value in (values | values.pop("codec_settings")).items():
         if key in named:
@@ -104,11 +123,8 @@ def _settings() -> dict[str, str]:
     return lines
 
 
-def about() -> dict[str, Any]:
-    """All information, by heading.
-
-    Raises SettingsError or UnknownNameError if the environment names settings that do not exist.
-    """
+def about() -> dict[str, dict[str, str]]:
+    """All information, by heading. `settings` has only `wrong` if the environment names settings that do not exist."""
     requirements = _requirements()
     extras = {}
     for extra, names in requirements.items():

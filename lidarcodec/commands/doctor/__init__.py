@@ -1,0 +1,1 @@
+"""`lidarcodec doctor`: what this machine offers, and what on it does not work."""

@@ -1,0 +1,90 @@
+"""JSON of commands that work on files. `beside` names files that were written beside an output."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, NotRequired
+
+from typing_extensions import TypedDict
+
+
+class Converted(TypedDict):
+    """Of a command that writes the frames or packets of a source to an output."""
+
+    output: Annotated[str, "path of what was written; of a stopped command the name of the part that was kept"]
+    form: Annotated[str, "format of the output, as in `--as`"]
+    files: Annotated[int, "number of files in the output; 1 if it is a file"]
+    beside: Annotated[list[str], "files written beside the output: calibration or metadata"]
+    frames: Annotated[float | None, "number of frames; null if packets were copied that are not counted in frames"]
+    packets: Annotated[int | None, "number of packets; null if points were written"]
+    points: Annotated[int | None, "number of points; null if packets were written"]
+    positions: Annotated[int, "number of position packets"]
+    bytes: Annotated[int | None, "size of a file; null of a folder, a pipe or a device"]
+    coded_bytes: NotRequired[Annotated[int, "of a recording: bytes of its messages"]]
+    packet_bytes: NotRequired[Annotated[int, "of a recording: bytes of the packets that the messages hold"]]
+    ratio: NotRequired[Annotated[float, "of a recording: packet bytes divided by coded bytes"]]
+    left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
+
+
+class Simulated(TypedDict):
+    """Of `simulate`."""
+
+    output: Annotated[str, "path of the capture"]
+    beside: Annotated[list[str], "the calibration or metadata beside it"]
+    packets: Annotated[int, "number of packets"]
+    frames: Annotated[float, "number of turns"]
+
+
+class Joined(TypedDict):
+    """Of `join`."""
+
+    output: Annotated[str, "path of the joined file"]
+    beside: Annotated[list[str], "files written beside it"]
+    parts: Annotated[int, "number of parts"]
+    messages: Annotated[int | None, "number of messages copied; null of captures"]
+    packets: Annotated[int | None, "number of packets copied; null of recordings"]
+
+
+class Verified(TypedDict):
+    """Of `verify`."""
+
+    frames: Annotated[int, "frames compared"]
+    frames_not_in_source: Annotated[int, "frames of the recording whose times the source does not have"]
+    packets: Annotated[int, "packets compared"]
+    packets_identical: Annotated[bool, "whether all packets are the same, byte for byte"]
+    identical_packets: Annotated[int, "number of identical packets"]
+    position_packets: Annotated[int, "position packets compared"]
+    position_packets_identical: Annotated[bool, "whether all position packets are the same"]
+    identical_position_packets: Annotated[int, "number of identical position packets"]
+    position_packets_missing: Annotated[int, "position packets of the source that the recording lacks"]
+    points: Annotated[int, "returns compared"]
+    max_error_m: Annotated[float, "largest range error, in metres"]
+    rmse_m: Annotated[float, "root of the mean squared range error, in metres"]
+    lost: Annotated[int, "returns that the recording lacks without having been reduced"]
+    invented: Annotated[int, "returns that the source does not have"]
+    left_out: Annotated[int, "returns left out by reduction"]
+    frames_beyond_their_bound: Annotated[int, "frames with a larger error than their message allows"]
+    bounds_m: Annotated[list[float | None], "bounds of the messages, in metres; null for a codec without one"]
+    complete: Annotated[bool, "whether the whole recording was compared"]
+    interrupted: Annotated[bool, "whether a signal ended the comparison"]
+    coverage: Annotated[dict[str, Any] | None, "which part of the source the recording holds; null if interrupted"]
+    packets_passed_over: Annotated[int, "packets of the source before, between and after those of the recording"]
+    settings: Annotated[dict[str, Any] | None, "settings in the recording; null if it has none"]
+    changed: Annotated[list[Any], "settings that changed while it was recorded"]
+    broken: Annotated[list[str], "promises that are broken, a sentence each; the exit code is 1 if there are any"]
+
+
+class Labelled(TypedDict):
+    """Of `annotate`."""
+
+    folder: Annotated[str, "the output folder"]
+    format: Annotated[int, "version of the folder's format"]
+    settings: Annotated[dict[str, Any], "settings of the run"]
+    sensor: Annotated[dict[str, Any], "the unit, with its calibration"]
+    frames: Annotated[int, "number of frames"]
+    travelled_m: Annotated[float, "length of the drive, in metres"]
+    map_points: Annotated[int, "points of the map"]
+    shares: Annotated[dict[str, float], "share of the returns with each label"]
+    median_count: Annotated[float, "median of the counts beside the road"]
+    median_threshold: Annotated[float, "median of the counts above which a return is labelled high"]
+    seconds: Annotated[dict[str, float], "seconds of each stage"]
+    done: Annotated[bool, "whether all frames are labelled"]
