@@ -105,6 +105,35 @@ def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fle
     change(fleet, reduction="auto")
 
 
+def test_a_point_that_is_clicked_shows_its_fields_and_two_of_them_their_distance(page):
+    page.get_by_role("checkbox", name="Measure").check()
+    panel = page.locator(".lidar-picked")
+    expect(panel).to_contain_text("Click or tap a point")
+    box = page.locator("canvas.lidar-canvas").bounding_box()
+    for across, down in itertools.product((0.5, 0.4, 0.6, 0.3, 0.7), (0.45, 0.4, 0.5, 0.35)):
+        page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
+        if panel.get_by_text("over the ground").count():
+            break
+    told = {name: values for name, *values in (row.split("\t") for row in panel.inner_text().splitlines()) if values}
+    metres = {
+        name: np.array([float(value.removesuffix(" m")) for value in told[name]])
+        for name in told
+        if " m" in told[name][0]
+    }
+    (apart,), (flat,), (height,) = metres["distance"], metres["over the ground"], metres["height"]
+    points = np.array([metres["x forward"], metres["y left"], metres["z up"]])
+    assert abs(apart - np.hypot(flat, height)) < 0.02
+    assert np.abs(np.linalg.norm(points, axis=0) - metres["from the sensor"]).max() < 0.02
+    if len(set(told["frame"])) == 1:
+        assert abs(apart - np.linalg.norm(points[:, 0] - points[:, 1])) < 0.02
+    else:
+        expect(panel).to_contain_text("Wrong if the vehicle moved")
+    page.locator("canvas.lidar-canvas").press("Escape")
+    expect(panel).to_contain_text("Click or tap a point")
+    page.get_by_role("checkbox", name="Measure").uncheck()
+    expect(panel).to_be_hidden()
+
+
 def test_the_camera_follows_the_keys_and_the_picture_stays_live(page):
     before = page.title()
     canvas = page.locator("canvas.lidar-canvas")

@@ -58,6 +58,7 @@ export function ViewTools({
       <Check text="Range image" on={options.rangeImage} set={(on) => set({ rangeImage: on })} />
       <Check text="Fill gaps" on={fillGaps} set={setFillGaps} />
       <Check text="Compare" on={options.compare} set={(on) => set({ compare: on })} />
+      <Check text="Measure" on={options.measure} set={(on) => set({ measure: on })} />
       <Check text="Decode here" on={options.decodeInBrowser} set={(on) => set({ decodeInBrowser: on })} />
     </fieldset>
   );

@@ -9,6 +9,7 @@ import { Renderer, type Scene } from "./draw/renderer";
 import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
 import { headingOf } from "./matrix";
+import { Measure } from "./measure/measure";
 import { Motion } from "./motion";
 import { Quality } from "./quality";
 import type { RangeFrame } from "./stream/frame";
@@ -43,6 +44,7 @@ export class LiveView implements View, Sink {
   readonly #camera = new Camera();
   readonly #controls: Controls;
   readonly #overlay: Overlay;
+  readonly #measure: Measure;
   readonly #theme: ThemeWatch;
   readonly #ground = new Ground();
   readonly #motion = new Motion();
@@ -83,12 +85,22 @@ export class LiveView implements View, Sink {
     canvas.setAttribute("role", "img");
     canvas.setAttribute(
       "aria-label",
-      "Point cloud. Arrow keys turn, with shift they move; plus and minus zoom; 0 resets.",
+      "Point cloud. Arrow keys turn, with shift they move; plus and minus zoom; 0 resets. Measure: click two points.",
     );
     host.append(canvas);
     this.#overlay = new Overlay(host);
     this.#theme = new ThemeWatch(host, () => this.#wake());
-    this.#controls = new Controls(canvas, this.#camera, () => this.#wake());
+    this.#measure = new Measure(this.#overlay.root);
+    this.#measure.on = options.measure;
+    this.#controls = new Controls(
+      canvas,
+      this.#camera,
+      () => this.#wake(),
+      (x, y) => this.#tapped(x, y),
+    );
+    canvas.addEventListener("keydown", ({ key }) => {
+      if (key === "Escape") this.#measure.clear();
+    });
     this.#camera.reset(options.camera, true);
     this.#scene = {
       colour: options.colour,
@@ -142,6 +154,7 @@ export class LiveView implements View, Sink {
     this.#options = { ...before, ...changed };
     const { camera, compare, decodeInBrowser, fillGaps, trail } = this.#options;
     if (camera !== before.camera) this.#camera.reset(camera);
+    this.#measure.on = this.#options.measure;
     if (trail < before.trail) this.#renderer?.layers.shorten(trail);
     const other =
       compare !== before.compare || decodeInBrowser !== before.decodeInBrowser || fillGaps !== before.fillGaps;
@@ -207,6 +220,7 @@ export class LiveView implements View, Sink {
   #clear(): void {
     this.#renderer?.layers.clear();
     this.#last = this.#comparison = this.#heading = null;
+    this.#measure.clear();
     this.#ground.reset();
     this.#motion.reset();
     this.#tally.reset();
@@ -224,6 +238,11 @@ export class LiveView implements View, Sink {
     this.#overlay.message("");
     if (this.#last) this.#renderer.push(this.#last.frame, this.#last.sensor, 0);
     this.#wake();
+  }
+
+  #tapped(x: number, y: number): void {
+    if (!this.#renderer || !this.#last) return;
+    if (this.#measure.take(x, y, this.#renderer, this.#camera, this.#scene, this.#last.sensor)) this.#wake();
   }
 
   /** Draw again soon. */
@@ -338,6 +357,7 @@ export class LiveView implements View, Sink {
     const pane = renderer.panes(scene)[0];
     const strip = (pane?.image?.high ?? 0) / scene.ratio;
     const upright = scene.compare && this.#canvas.height > this.#canvas.width;
+    this.#measure.draw(renderer, this.#camera, scene);
     this.#overlay.empty(this.#last === null);
     this.#overlay.strip(strip);
     this.#overlay.scale(colour, scene.theme);

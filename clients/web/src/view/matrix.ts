@@ -72,6 +72,14 @@ export function multiply(out: Matrix, a: Matrix, b: Matrix): Matrix {
   return out;
 }
 
+/** out = matrix (x, y, z, 1). */
+export function transformed(out: [number, number, number, number], m: Matrix, [x, y, z]: Readonly<Vector>): void {
+  for (let row = 0; row < 4; row++) {
+    out[row] =
+      (m[row] as number) * x + (m[row + 4] as number) * y + (m[row + 8] as number) * z + (m[row + 12] as number);
+  }
+}
+
 /** A pose: the upper three rows of a rigid transform, row by row, in double precision. */
 export type Pose = Float64Array;
 

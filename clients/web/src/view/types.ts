@@ -19,6 +19,8 @@ export interface ViewOptions {
   decodeInBrowser: boolean;
   /** Interpolate points between sent columns. */
   fillGaps: boolean;
+  /** Show the fields of the points that are clicked, and the distance of two. */
+  measure: boolean;
 }
 
 export const DEFAULT_OPTIONS: ViewOptions = {
@@ -30,6 +32,7 @@ export const DEFAULT_OPTIONS: ViewOptions = {
   compare: false,
   decodeInBrowser: false,
   fillGaps: true,
+  measure: false,
 };
 
 export interface StreamName {

@@ -9,9 +9,16 @@ const MOVES = new Set(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "+", "
 /** A key that was pressed with shift may be let go without. */
 const SAME: Record<string, string[]> = { "+": ["+", "="], "=": ["+", "="], "-": ["-", "_"], _: ["-", "_"] };
 
+/** How far a finger or the mouse may go, in CSS pixels, and how long it may stay, for a tap. */
+const TAP_PX = 6;
+const TAP_MS = 500;
+
 interface Finger {
   x: number;
   y: number;
+  downX: number;
+  downY: number;
+  downMs: number;
 }
 
 export class Controls {
@@ -24,13 +31,15 @@ export class Controls {
     private readonly element: HTMLElement,
     private readonly camera: Camera,
     private readonly changed: () => void,
+    /** Called with the place of a tap or click, in CSS pixels from the upper left corner. */
+    private readonly tapped: (x: number, y: number) => void,
   ) {
     const { signal } = this.#ended;
     const listen = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) =>
       element.addEventListener(name, handler, { signal, passive: false });
     listen("pointerdown", (event) => this.#down(event));
     listen("pointermove", (event) => this.#move(event));
-    listen("pointerup", (event) => this.#fingers.delete(event.pointerId));
+    listen("pointerup", (event) => this.#up(event));
     listen("pointercancel", (event) => this.#fingers.delete(event.pointerId));
     listen("contextmenu", (event) => event.preventDefault());
     listen("wheel", (event) => this.#wheel(event));
@@ -69,7 +78,19 @@ export class Controls {
   #down(event: PointerEvent): void {
     this.element.setPointerCapture(event.pointerId);
     this.element.focus({ preventScroll: true });
-    this.#fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    const { clientX: x, clientY: y, timeStamp } = event;
+    this.#fingers.set(event.pointerId, { x, y, downX: x, downY: y, downMs: timeStamp });
+  }
+
+  #up(event: PointerEvent): void {
+    const finger = this.#fingers.get(event.pointerId);
+    const alone = this.#fingers.size === 1;
+    this.#fingers.delete(event.pointerId);
+    if (!finger || !alone || event.button !== 0) return;
+    const way = Math.hypot(event.clientX - finger.downX, event.clientY - finger.downY);
+    if (way > TAP_PX || event.timeStamp - finger.downMs > TAP_MS) return;
+    const { left, top } = this.element.getBoundingClientRect();
+    this.tapped(event.clientX - left, event.clientY - top);
   }
 
   #move(event: PointerEvent): void {

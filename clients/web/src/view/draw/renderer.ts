@@ -92,6 +92,11 @@ export class Renderer {
     return this.layers.bytes + this.#surface.bytes + this.#sensor.bytes + this.#turn.bytes + this.#maps.bytes;
   }
 
+  /** Of the canvas, in device pixels. */
+  get high(): number {
+    return this.gl.canvas.height;
+  }
+
   push(frame: RangeFrame, sensor: SensorTable, trail: number): void {
     this.gl.pixelStorei(this.gl.UNPACK_ALIGNMENT, 1);
     if (sensor !== this.#table) {
@@ -120,8 +125,7 @@ export class Renderer {
     for (let number = 0; number < panes.length; number++) {
       const pane = panes[number] as Pane;
       this.#frameRect(pane.cloud);
-      camera.matrices(this.#view, this.#projection, pane.cloud.wide / Math.max(pane.cloud.high, 1), scene.ground);
-      multiply(this.#both, this.#projection, this.#view);
+      this.viewOf(camera, scene, pane, this.#both);
       this.#drawGround(scene);
       this.#drawPoints(scene, scene.compare && number === 0, scene.compare && number === 1);
       gl.enable(gl.BLEND);
@@ -135,6 +139,13 @@ export class Renderer {
       if (image) this.#drawImage(image, scene, scene.compare && number === 0, scene.compare && number === 1);
     }
     gl.disable(gl.SCISSOR_TEST);
+  }
+
+  /** From metres at the sensor to the screen, in a pane of the picture. */
+  viewOf(camera: Camera, scene: Scene, pane: Pane, out: Matrix): Matrix {
+    const { wide, high } = pane.cloud;
+    camera.matrices(this.#view, this.#projection, wide / Math.max(high, 1), scene.ground);
+    return multiply(out, this.#projection, this.#view);
   }
 
   /** What is where on the canvas. */
