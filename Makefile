@@ -19,9 +19,7 @@ EDITABLE := --no-deps --no-build-isolation -C wheel.cmake=false -C wheel.py-api=
 TORCH := torch==2.13.0
 NATIVE := build/native/.built
 WEB := $(STAMPS)/web
-# By the lock file, with the hashes in it. `npm ci` refuses that of the page, in which Biome's builds for other systems are
-# missing: not every registry has them, and their hashes cannot be written without them.
-NPM_INSTALL := npm install --no-save --ignore-scripts --silent
+# By the lock file, with the hashes in it.
 NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings native/c native/include -type f)
 CXX_FILES = $(shell find native clients/cpp -name '*.[ch]pp' -o -name '*.[ch]')
@@ -107,7 +105,7 @@ evidence: $(STAMPS)/dev $(NATIVE) ## write docs/evaluation.md and the table of R
 	@$(BIN)/python -m benchmarks.evidence
 
 web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
-	cd clients/web && $(NPM_INSTALL) && npm run --silent build
+	cd clients/web && $(NPM_CI) && npm run --silent build
 
 wasm: ## build the decoder that the page runs, from native/, where it is committed; then run `make web` (needs clang, lld and wasi-libc)
 	@sh tools/build-wasm.sh
@@ -158,7 +156,7 @@ $(STAMPS)/site: $(STAMPS)/build requirements/site.txt
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.
 $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json
 	@if command -v npm >/dev/null; then echo "Installing what the tests of the page and of the TypeScript decoder need ..."; \
-	  (cd clients/web && $(NPM_INSTALL)) || echo "npm could not: tests of the sources of clients/web are skipped"; \
+	  (cd clients/web && $(NPM_CI)) || echo "npm could not: tests of the sources of clients/web are skipped"; \
 	  (cd clients/typescript && $(NPM_CI)) || echo "npm could not: tests of clients/typescript are skipped"; fi
 	@touch $@
 

@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 
 from tests.browser.system import LIMIT_S
+from tests.command_line import ROOT
 from tests.transport.test_contract import eventually
 
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
 expect.set_options(timeout=LIMIT_S * 1000)
 
 POINTS = re.compile(r"^lidarcodec — [0-9]+ points$")
+AXE = ROOT / "clients" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 SETTINGS = "streams/car-7/lidar/settings"
 
 
@@ -201,6 +203,24 @@ def test_everything_that_can_be_done_has_a_name_and_is_reached_by_the_tabulator(
            }).map((one) => one.outerHTML.slice(0, 120))"""
     )
     assert unnamed == []
+
+
+@pytest.mark.parametrize(("panel", "scheme"), [("Settings", "light"), ("Settings", "dark"), ("Recordings", "light")])
+def test_people_with_other_senses_and_hands_find_no_serious_hindrance(fleet, page_of, panel, scheme):
+    """By the rules of axe (WCAG 2.2, levels A and AA)."""
+    if not AXE.exists():
+        pytest.skip("needs axe-core: npm install in clients/web")
+    page = page_of(fleet.url, color_scheme=scheme)
+    expect(page).to_have_title(POINTS)
+    page.get_by_role("tab", name=panel).click()
+    expect(page.get_by_role("tabpanel", name=panel)).to_be_visible()
+    page.get_by_role("checkbox", name="Measure").check()
+    page.evaluate(AXE.read_text())
+    found = page.evaluate("async () => (await axe.run()).violations")
+    page.get_by_role("checkbox", name="Measure").uncheck()
+    assert page.evaluate("async () => (await axe.run()).passes.length") > 20
+    told = [(one["id"], one["impact"], [node["html"][:120] for node in one["nodes"]]) for one in found]
+    assert [one for one in told if one[1] in ("serious", "critical")] == []
 
 
 def test_a_key_frame_is_asked_for(page):
