@@ -101,6 +101,7 @@ def write() -> None:
                 "compile",
                 file.name,
                 "--universal",
+                "--generate-hashes",
                 "--python-version",
                 "3.11",
             ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 from lidarcodec.commands.coded_recording import CodedRecording
@@ -12,6 +12,7 @@ from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import Watched, stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selecting import Selection
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.unkept import say_unkept
@@ -32,8 +33,7 @@ def run(
     out: Path,
     codec: str | None,
     pairs: list[str],
-    frames: int | None,
-    skip: int,
+    selection: Selection,
     calibration: Path | None,
     poses: Path | None,
     clouds: bool = False,
@@ -49,6 +49,7 @@ def run(
     """
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
+    frames, skip = selection.frames, selection.skip
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
     if learn:
         encoder.learn(0)
@@ -74,12 +75,12 @@ def run(
         )
         # A signal ends a live source; the packets received so far are the last frame.
         watched = Watched(cut, (lambda: False) if source.live else stopped)
-        chosen = islice(watched, skip, None if frames is None else skip + frames)
+        chosen = selection.of(watched)
         first = next(chosen, None)
         if first is None and stopped():
             raise remaining.stopped(out, None, 0)
         if first is None:
-            raise SourceError(f"{spec} has no frame after the first {skip}: nothing was encoded")
+            raise SourceError(f"{spec} has {selection.nothing()}: nothing was encoded")
         with output.beside.open("wb") as handle, progress("encoding", frames) as tick:
             coded = CodedRecording(handle, encoder, about, clouds=clouds)
             left_out = 0  # frames of another sensor, which took the place of the first one

@@ -47,7 +47,7 @@ def packets_in(path: Path | str) -> list[Packet]:
 def test_packets_survive_a_round_through_every_form(tmp_path, capture, codec):
     last = capture
     for number, words in enumerate(
-        [["bag"], ["bag.mcap", "--to", "rosbag"], ["coded.mcap", "--codec", codec], ["bare.mcap", "--to", "packets"],
+        [["bag"], ["bag.mcap", "--as", "rosbag"], ["coded.mcap", "--codec", codec], ["bare.mcap", "--as", "packets"],
          ["back.pcap"]]
     ):  # fmt: skip
         out = tmp_path / f"{number}_{words[0]}"
@@ -173,7 +173,7 @@ def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture):
 def test_nothing_is_left_of_what_failed(tmp_path, capture):
     before = set(tmp_path.iterdir())
     broken = tmp_path.parent / f"{tmp_path.name}-broken.mcap"
-    assert done(capture, broken, "--to", "rosbag")
+    assert done(capture, broken, "--as", "rosbag")
     scan = bytearray(broken.read_bytes())
     broken.write_bytes(bytes(scan[:200]))
     for out in ("out.pcap", "out.mcap", "bag"):
@@ -203,9 +203,18 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["out.txt"], "must end in .pcap or .mcap"),
-        (["out.pcap", "--to", "rosbag"], "--to rosbag does not fit"),
-        (["out.mcap", "--to", "bag"], "choose one of pcap, recording, packets, rosbag"),
+        (["out.txt"], "must end in .pcap .mcap .npz .ply"),
+        (["out.ply", "--codec", "zstd"], "--codec is not for ply"),
+        (["out.pcap", "--region", "0,0,1,1"], "--region: only for points"),
+        (["out.npz", "--merge"], "--merge: only for points"),
+        (["out.ply", "--region", "1,0,0,1"], "is empty"),
+        (["out.ply", "--transform", "1,2,3"], "X,Y,Z,ROLL,PITCH,YAW"),
+        (["out.ply", "--from", "noon"], "is not a time"),
+        (["out.ply", "--from", "3", "--to", "2"], "is not after"),
+        (["scans", "--as", "ply", "--merge"], "into one file"),
+        (["out.pcd", "--as", "ply"], "must end in .ply"),
+        (["out.pcap", "--as", "rosbag"], "--as rosbag does not fit"),
+        (["out.mcap", "--as", "bag"], "choose one of pcap, recording, packets, rosbag"),
         (["out.pcap", "--codec", "zstd"], "original packets"),
         (["out.pcap", "--with-clouds"], "holds only packets"),
         (["out.mcap", "--topic", "/a"], "are for rosbags"),

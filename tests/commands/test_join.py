@@ -41,8 +41,8 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("encode", "--codec", "predictive", "--set", "motion=true"),
         pytest.param(("encode", "--set", "framing=revolution"), marks=pytest.mark.sweep),
         ("encode", "--set", "framing=packets:100", "--with-clouds"),
-        ("convert", "--to", "packets"),
-        pytest.param(("convert", "--to", "recording", "--set", "framing=revolution"), marks=pytest.mark.sweep),
+        ("convert", "--as", "packets"),
+        pytest.param(("convert", "--as", "recording", "--set", "framing=revolution"), marks=pytest.mark.sweep),
     ],
 )
 def test_parts_joined_are_the_whole(drive: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
@@ -75,7 +75,7 @@ def parts(drive: Path) -> Path:
     ):  # fmt: skip
         assert run_here("encode", drive, folder / f"{name}.mcap", *which).returncode == 0
     assert run_here("encode", "sim:road?frames=4", folder / "other.mcap", "--skip", 2).returncode == 0
-    assert run_here("convert", drive, folder / "bare.mcap", "--to", "packets").returncode == 0
+    assert run_here("convert", drive, folder / "bare.mcap", "--as", "packets").returncode == 0
     (folder / "empty.mcap").write_bytes((folder / "a.mcap").read_bytes()[:700])
     (folder / "cut.mcap").write_bytes((folder / "a.mcap").read_bytes()[:-40_000])
     return folder

@@ -52,10 +52,10 @@ def test_the_calibration_of_what_is_read_stays_as_it_is(drive: Path, tmp_path: P
     beside = tmp_path / "drive_db.xml"
     beside.write_bytes(Path(data_file("kitti_hdl64e_s2_recovered_db.xml")).read_bytes() + b"<!-- notes -->\n")
     before = beside.read_bytes()
-    assert run_here("convert", drive, tmp_path / "drive.mcap", "--to", "rosbag", "--force").returncode == 0
+    assert run_here("convert", drive, tmp_path / "drive.mcap", "--as", "rosbag", "--force").returncode == 0
     assert beside.read_bytes() == before
     other = data_file("calib_ros_64e_utexas.yaml")
-    given = ("--to", "rosbag", "--force", "--calibration", other)
+    given = ("--as", "rosbag", "--force", "--calibration", other)
     assert run_here("convert", drive, tmp_path / "drive.mcap", *given).returncode == 2
     assert beside.read_bytes() == before
 

@@ -10,7 +10,8 @@ import laspy
 import numpy as np
 import pytest
 
-from lidarcodec.commands.outputs import PlyOutput
+from lidarcodec.commands.outputs.base import NARROW
+from lidarcodec.commands.outputs.ply import PlyOutput
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from tests.command_line import run, run_here, the_one_line
@@ -194,10 +195,10 @@ def test_a_ply_of_two_sensors_wraps_no_intensity(tmp_path, caplog):
     assert most > 255
     writer = PlyOutput(tmp_path / "a.ply")
     for frame in frames:
-        writer.write(frame.with_(index=int(frame is frames[1])))
+        writer.write(frame.with_(index=int(frame is frames[1])), frame.cloud())
     writer.close()
     text = (tmp_path / "a.ply").read_bytes()
-    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], PlyOutput.DTYPE)
+    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], NARROW)
     found = points["intensity"][points["frame"] == 1]
     assert np.array_equal(found, np.minimum(frames[1].cloud()["intensity"], 255))
     assert "from frame 1 on are clipped to 255" in caplog.text

@@ -6,9 +6,10 @@ import json
 import dpkt
 import laspy
 import numpy as np
+import pypcd4
 import pytest
 
-from lidarcodec.commands.outputs import check_output, contents_of, open_output
+from lidarcodec.commands.outputs.table import FORMS, check_output, contents_of, form_of, open_output
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import whole
 from lidarcodec.pipeline import frames_of
@@ -22,12 +23,12 @@ def frames():
 
 @pytest.fixture
 def written(frames, tmp_path):
-    def write(name):
+    def write(name, form=None):
         path = tmp_path / name
         with whole(path, contents=contents_of(path)) as made:
-            output = open_output(path, made.beside)
+            output = open_output(path, form_of(path, form, folder="kitti"), made.beside)
             for frame in frames:
-                output.write(frame)
+                output.write(frame, frame.cloud())
             output.close()
         return path
 
@@ -87,7 +88,63 @@ def test_las_holds_every_point_to_the_millimetre(written, frames):
         np.testing.assert_allclose(found[axis], cloud[axis], atol=0.000501)
     np.testing.assert_array_equal(found.intensity // 257, cloud["intensity"])
     np.testing.assert_array_equal(found.point_source_id, cloud["laser"])
-    np.testing.assert_allclose(found.gps_time, cloud["t_ns"] * 1e-9, atol=1e-6)
+    assert found.header.global_encoding.gps_time_type is laspy.header.GpsTimeType.STANDARD
+    assert found.header.global_encoding.wkt  # asked for by LAS 1.4 with this point format
+    ahead_s = 18  # of GPS before UTC since 2017
+    np.testing.assert_allclose(
+        found.gps_time, cloud["t_ns"] * 1e-9 - 315_964_800 - 1_000_000_000 + ahead_s, rtol=0, atol=1e-6
+    )
+
+
+def test_laz_holds_the_same_in_fewer_bytes(written):
+    plain, packed = written("out.las"), written("out.laz")
+    assert packed.stat().st_size < plain.stat().st_size
+    np.testing.assert_array_equal(laspy.read(packed).points.array, laspy.read(plain).points.array)
+
+
+@pytest.mark.parametrize("form", ["pcd", "pcd-compressed"])
+def test_pcd_is_read_by_pypcd4(written, frames, form):
+    path = written("out.pcd", form)
+    found = pypcd4.PointCloud.from_path(path)
+    cloud = np.concatenate([frame.cloud() for frame in frames])
+    assert path.read_bytes().count(b"DATA binary\n" if form == "pcd" else b"DATA binary_compressed\n") == 1
+    assert found.fields == ("x", "y", "z", "intensity", "laser", "ring", "frame", "t")
+    for name in ("x", "y", "z", "intensity", "laser", "ring"):
+        np.testing.assert_array_equal(found.pc_data[name], cloud[name])
+    assert set(found.pc_data["frame"]) == {0, 1, 2}
+
+
+def test_csv_has_a_line_for_each_point(written, frames):
+    found = np.genfromtxt(written("out.csv"), delimiter=",", names=True, dtype=None, encoding="ascii")
+    cloud = np.concatenate([frame.cloud() for frame in frames])
+    assert found.dtype.names == ("x_m", "y_m", "z_m", "intensity", "laser", "ring", "frame", "t_ns")
+    for axis in "xyz":
+        np.testing.assert_allclose(found[f"{axis}_m"], cloud[axis], atol=6e-5)
+    for name in ("intensity", "laser", "ring", "t_ns"):
+        np.testing.assert_array_equal(found[name], cloud[name])
+
+
+def test_e57_is_read_by_pye57(written, frames):
+    pye57 = pytest.importorskip("pye57", reason="it has no wheel for this processor")
+    file = pye57.E57(str(written("out.e57")))
+    assert file.scan_count == len(frames)
+    for number, frame in enumerate(frames):
+        found, cloud = file.read_scan_raw(number), frame.cloud()
+        for axis in "xyz":
+            np.testing.assert_array_equal(found[f"cartesian{axis.upper()}"], cloud[axis].astype(np.float64))
+        np.testing.assert_array_equal(found["intensity"], cloud["intensity"])
+        np.testing.assert_array_equal(found["rowIndex"], cloud["ring"])
+    file.close()
+
+
+@pytest.mark.parametrize(
+    ("form", "ending"), [("ply", ".ply"), ("laz", ".laz"), ("pcd-compressed", ".pcd"), ("npz", ".npz")]
+)
+def test_a_folder_holds_a_file_for_each_frame_of_any_format(written, frames, form, ending):
+    folder = written("each", form)
+    assert sorted(one.name for one in folder.iterdir()) == [*(f"{n:06d}{ending}" for n in range(3)), "timestamps.json"]
+    if form == "ply":
+        assert [len(read_ply(folder / f"{n:06d}.ply")) for n in range(3)] == [frame.points for frame in frames]
 
 
 def test_a_folder_gets_a_scan_for_each_frame_as_kitti_orders_them(written, frames):
@@ -105,15 +162,16 @@ def test_a_folder_gets_a_scan_for_each_frame_as_kitti_orders_them(written, frame
 
 def test_an_ending_that_nobody_writes_is_refused_before_anything_is_read(tmp_path):
     with pytest.raises(SettingsError, match=r"\.las"):
-        check_output(tmp_path / "cloud.obj")
+        form_of(tmp_path / "cloud.obj")
 
 
-@pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las", "scans"])
+@pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las", "out.pcd", "out.csv", "scans"])
 def test_an_output_has_its_name_when_it_is_whole_and_not_before(written, frames, tmp_path, name):
     path = tmp_path / name
 
     def breaks(made):
-        open_output(path, made.beside).write(frames[0])
+        form = form_of(path, folder="kitti")
+        open_output(path, form, made.beside).write(frames[0], frames[0].cloud())
         assert not path.exists()
         raise ValueError("broken")
 
@@ -127,19 +185,19 @@ def test_an_output_has_its_name_when_it_is_whole_and_not_before(written, frames,
 def test_scans_do_not_mix_with_what_is_in_a_folder(written, tmp_path):
     folder = written("scans")
     with pytest.raises(SettingsError, match="not empty"):
-        check_output(folder)
-    check_output(folder, force=True)
+        check_output(folder, FORMS["kitti"])
+    check_output(folder, FORMS["kitti"], force=True)
     (folder / "metadata.yaml").write_text("mine")
     with pytest.raises(SettingsError, match=r"metadata\.yaml"):
-        check_output(folder, force=True)
+        check_output(folder, FORMS["kitti"], force=True)
     (tmp_path / "empty").mkdir()
-    check_output(tmp_path / "empty")
+    check_output(tmp_path / "empty", FORMS["kitti"])
 
 
 def test_what_a_form_cannot_hold_is_said(frames, tmp_path):
     frame = frames[0]
     with pytest.raises(SettingsError, match=r"too large for \.ply"):
-        open_output(tmp_path / "out.ply", tmp_path / "out.ply").write(frame.with_(index=2**40))
+        FORMS["ply"].open(tmp_path / "out.ply").write(frame.with_(index=2**40), frame.cloud())
     far = frame.with_(sensor=dataclasses.replace(frame.sensor, range_step_m=429.0))
     with pytest.raises(SettingsError, match="too far away"):
-        open_output(tmp_path / "out.las", tmp_path / "out.las").write(far)
+        FORMS["las"].open(tmp_path / "out.las").write(far, far.cloud())

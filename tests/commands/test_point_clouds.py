@@ -9,7 +9,7 @@ import laspy
 import numpy as np
 import pytest
 
-from lidarcodec.commands.outputs import PlyOutput
+from lidarcodec.commands.outputs.base import WIDE
 from lidarcodec.image_frame import cloud_frame
 from lidarcodec.planes.clouds.section import same_but_near
 from lidarcodec.recording import RosbagWriter
@@ -107,7 +107,7 @@ def _encoded(tmp_path, bag):
 
 
 def test_packets_are_recorded_as_they_are_and_become_a_bag_again(tmp_path, bag, messages):
-    ok("convert", bag, tmp_path / "packets.mcap", "--to", "packets")
+    ok("convert", bag, tmp_path / "packets.mcap", "--as", "packets")
     ok("convert", tmp_path / "packets.mcap", tmp_path / "again")
     assert given_by(tmp_path / "packets.mcap") == given_by(tmp_path / "again") == messages
 
@@ -166,7 +166,7 @@ def test_intensities_have_one_scale_in_all_messages_of_a_stream(tmp_path):
     for out in ("a.ply", "kitti", "a.las"):
         ok("decode", coded, tmp_path / out)
     text = (tmp_path / "a.ply").read_bytes()
-    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], PlyOutput.WIDE)
+    points = np.frombuffer(text[text.index(b"end_header\n") + 11 :], WIDE)
     assert [set(points["intensity"][points["frame"] == n]) for n in range(3)] == [{100}, {300}, {1}]
     found = [np.fromfile(tmp_path / "kitti" / f"{n:06d}.bin", "<f4")[3::4] for n in range(3)]
     assert np.allclose([part.mean() * 255 for part in found], [100, 300, 1])

@@ -45,7 +45,7 @@ def test_encode_and_decode_give_the_same_capture(tmp_path, capture):
     assert "left out (only .pcap holds them)" in run_here("decode", recording, tmp_path / "back.npz").stdout
 
 
-@pytest.mark.parametrize(("name", "words"), [("a.pcap", ()), ("a.mcap", ()), ("a.mcap", ("--to", "packets"))])
+@pytest.mark.parametrize(("name", "words"), [("a.pcap", ()), ("a.mcap", ()), ("a.mcap", ("--as", "packets"))])
 def test_convert_keeps_them(tmp_path, capture, name, words):
     out = tmp_path / name
     done = run("convert", capture, out, *words, *(("--set", "max_error_m=0") if name == "a.mcap" and not words else ()))

@@ -1,4 +1,4 @@
-"""The options of `lidarcodec convert`."""
+"""The options of `lidarcodec convert`, and the choice between packets and frames."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ from lidarcodec.commands.signatures.common import (
     WithClouds,
     of_model,
 )
+from lidarcodec.commands.signatures.selecting import FromTime, Merge, Region, ToTime, Transform
+from lidarcodec.errors import SettingsError
 
 
 @prints(Converted)
@@ -33,18 +35,26 @@ def convert(
     out: Annotated[
         Path,
         typer.Argument(
-            metavar="OUT", show_default=False, help="A file that ends in .pcap or .mcap, or a folder (rosbag2)."
+            metavar="OUT",
+            show_default=False,
+            help="A file that ends in .pcap .mcap .npz .ply .pcd .las .laz .csv or .e57, or a folder.",
         ),
     ],
-    to: Annotated[
+    form: Annotated[
         str | None,
         Option(
-            "--to",
-            metavar="FORM",
-            help="Output format: pcap, recording, packets (packets only, .mcap) or rosbag. "
-            "Default: by the ending of OUT.",
+            "--as",
+            metavar="FORMAT",
+            help="Format: pcap, recording, packets, rosbag, clouds, npz, ply, pcd, pcd-compressed, las, laz, csv, e57, "
+            "kitti. Default: by the ending of OUT; a folder is a rosbag. With a folder, formats of points give a file "
+            "for each frame.",
         ),
     ] = None,
+    begin: FromTime = None,
+    end: ToTime = None,
+    region: Region = None,
+    transform: Transform = None,
+    merge: Merge = False,
     codec: CodecName = None,
     pairs: Pairs = None,
     with_clouds: WithClouds = False,
@@ -64,8 +74,28 @@ def convert(
     poses: PosesFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Convert a source to a capture, a recording, or a rosbag2 (velodyne_msgs/VelodyneScan). Packets do not change."""
-    from lidarcodec.commands.convert import convert as command
+    """Convert any source to packets, a recording, a rosbag2, images or points. Packets do not change."""
+    from lidarcodec.commands.convert import convert as packets
+    from lidarcodec.commands.convert.frames import Wanted
+    from lidarcodec.commands.convert.frames import convert as write_frames
+    from lidarcodec.commands.convert.outputs import FORMS
+    from lidarcodec.commands.convert.outputs import form_of as packet_form_of
+    from lidarcodec.commands.outputs.table import form_of
+    from lidarcodec.commands.placing import Placing
+    from lidarcodec.commands.selecting import Selection
 
-    command.run(of_model(source, model), out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds,
-                topic, frame_id, force, allow_missed, as_json)  # fmt: skip
+    spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
+    placing = Placing.of(region, transform, merge=merge)
+    kept = packet_form_of(out, form)
+    if kept is not None:
+        if placing.given:
+            raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
+        packets.run(spec, out, kept, codec, pairs or [], selection, calibration, poses, with_clouds, topic, frame_id,
+                    force, allow_missed, as_json)  # fmt: skip
+        return
+    wanted = Wanted(out, form_of(out, form, further=FORMS), selection, placing, force, as_json)
+    for name, given in (("--codec", codec), ("--set", pairs), ("--with-clouds", with_clouds), ("--topic", topic),
+                        ("--frame-id", frame_id), ("--allow-missed", allow_missed)):  # fmt: skip
+        if given:
+            raise SettingsError(f"{name} is not for {wanted.form.name}: it is for recordings or rosbags", "as")
+    write_frames(spec, wanted, calibration, poses)

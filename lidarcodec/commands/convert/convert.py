@@ -12,12 +12,13 @@ from typing import Final
 
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
-from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, form_of, open_output
+from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selecting import Selection
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns
 from lidarcodec.commands.unkept import say_unkept
@@ -40,11 +41,10 @@ IN_THE_STREAM = ("generic", "stream")
 def run(
     spec: str,
     out: Path,
-    to: str | None,
+    form: Form,
     codec: str | None,
     pairs: list[str],
-    frames: int | None,
-    skip: int,
+    selection: Selection,
     calibration: Path | None,
     poses: Path | None,
     clouds: bool,
@@ -58,10 +58,11 @@ def run(
 
     A recording is like one of `encode`, with its framing; for other formats a frame is 348 packets.
     """
-    wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
+    frames, skip = selection.frames, selection.skip
+    wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
     if wanted.form == "recording":
-        encode.run(spec, out, codec, pairs, frames, skip, calibration, poses, clouds, 0, force, allow_missed, as_json)
+        encode.run(spec, out, codec, pairs, selection, calibration, poses, clouds, 0, force, allow_missed, as_json)
         return
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
@@ -82,7 +83,9 @@ def run(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
         )
         metadata = _metadata_file(out, wanted.form, source.sensor, force)
-        wanted_packets = part_of(source.packets(), 0, None if limit is None else skip * FRAME_PACKETS + limit)
+        wanted_packets = part_of(
+            selection.in_time(source.packets()), 0, None if limit is None else skip * FRAME_PACKETS + limit
+        )
         turns = Turns(wanted_packets, stopped, tick)
         turns.pass_over(skip)
         packets = iter(turns)
@@ -90,7 +93,7 @@ def run(
         if first is None and stopped():
             raise remaining.stopped(out, None, 0)
         if first is None:
-            raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
+            raise SourceError(f"{spec} has {selection.nothing()}: {out} was not written")
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         with _opened(out, output.beside, wanted, source, about) as writer:
             for packet in chain((first,), packets):
@@ -110,27 +113,37 @@ def run(
             output.only_part()
     say_unkept(source.label, source.counts)
     count, kept = turns.packets, output.kept or out
-    turns_read = f", {count / FRAME_PACKETS:.1f} frames" * source.sensor.is_hdl64e
-    more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
-    where = _beside_text(kept, beside is not None and beside.parent != out, metadata is not None)
-    text = f"{kept}: {count} packets{turns_read}{more}{'; ' * bool(said)}{said}{where}"
-    found = Converted(
-        output=str(kept), form=wanted.form, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1,
-        beside=[str(path) for path, there in ((_calibration_of(kept), beside is not None and beside.parent != out),
-                                              (_metadata_of(kept), metadata is not None)) if there],
-        frames=count / FRAME_PACKETS if source.sensor.is_hdl64e else None, packets=count, points=None,
-        positions=turns.positions, bytes=kept.stat().st_size if kept.is_file() else None,
-    )  # fmt: skip
-    tell(found, text, as_json)
+    tables = [_calibration_of(kept)] if beside is not None and beside.parent != out else []
+    described = [_metadata_of(kept)] if metadata is not None else []
+    _tell(kept, wanted.form, turns, source.sensor, said, tables, described, as_json)
     _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
 
 
-def _beside_text(kept: Path, calibration: bool, metadata: bool) -> str:
-    """Files that were written beside an output, for the summary."""
-    text = f"; calibration in {_calibration_of(kept)}" if calibration else ""
-    return text + (f"; metadata in {_metadata_of(kept)}" if metadata else "")
+def _tell(
+    kept: Path,
+    form: Form,
+    turns: Turns,
+    sensor: SensorModel,
+    said: str,
+    tables: list[Path],
+    described: list[Path],
+    as_json: bool,
+) -> None:
+    """Print what was written. tables, described: calibration and metadata beside it;  said: remark of the output"""
+    count, positions = turns.packets, turns.positions
+    parts = [f"{kept}: {count} packets" + f", {count / FRAME_PACKETS:.1f} frames" * sensor.is_hdl64e]
+    parts[0] += f", {positions} position packets" * bool(positions and form != "rosbag")
+    parts += [said] if said else []
+    parts += [f"calibration in {path}" for path in tables] + [f"metadata in {path}" for path in described]
+    found = Converted(
+        output=str(kept), form=form, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1,
+        beside=[str(path) for path in tables + described],
+        frames=count / FRAME_PACKETS if sensor.is_hdl64e else None, packets=count, points=None,
+        positions=positions, bytes=kept.stat().st_size if kept.is_file() else None,
+    )  # fmt: skip
+    tell(found, "; ".join(parts), as_json)
 
 
 def _check_left_out(writer: Output, kept: Path) -> None:

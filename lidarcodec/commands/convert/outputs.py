@@ -52,10 +52,11 @@ class Output(Protocol):
         """Complete the output without closing the file. Returns a remark for the summary, or an empty text."""
 
 
-def form_of(out: Path, given: str | None) -> Form:
-    """The given format, otherwise the format of the name's ending. A name without an ending is the folder of a bag.
+def form_of(out: Path, given: str | None) -> Form | None:
+    """The given format of packets, otherwise that of the name's ending; None if it is a format of frames. A name
+    without an ending is the folder of a bag.
 
-    Raises SettingsError if there is none, or the name does not fit the format.
+    Raises SettingsError if the name does not fit the format.
     """
     ending = out.suffix.lower()
     by_name: dict[str, tuple[Form, ...]] = {
@@ -63,18 +64,13 @@ def form_of(out: Path, given: str | None) -> Form:
         ".mcap": ("recording", "packets", "rosbag"),
         "": ("rosbag",),
     }
-    possible = by_name.get(ending)
-    if possible is None:
-        raise SettingsError(f"cannot write {out}: its name must end in .pcap or .mcap, or have no ending for a rosbag2")
+    possible = by_name.get(ending, ())
     if given is None:
-        return possible[0]
+        return possible[0] if possible else None
     form = next((one for one in FORMS if one == given), None)
-    if form is None:
-        raise SettingsError(f"--to {given} is unknown: choose one of {', '.join(FORMS)}", "to")
-    if form not in possible:
-        raise SettingsError(
-            f"--to {given} does not fit {out}: files with this ending hold {' or '.join(possible)}", "to"
-        )
+    if form is not None and form not in possible:
+        fits = next(name for name, forms in by_name.items() if form in forms) or "no ending, for a folder"
+        raise SettingsError(f"--as {given} does not fit {out}: its name must end in {fits}", "as")
     return form
 
 

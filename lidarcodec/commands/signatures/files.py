@@ -32,6 +32,7 @@ from lidarcodec.commands.signatures.common import (
     of_model,
 )
 from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
+from lidarcodec.commands.signatures.selecting import FormName, FromTime, Merge, Region, ToTime, Transform
 from lidarcodec.errors import SettingsError
 
 
@@ -81,6 +82,8 @@ def encode(
     keep_fraction: KeepFraction = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,
+    begin: FromTime = None,
+    end: ToTime = None,
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: PosesFile = None,
@@ -90,11 +93,13 @@ def encode(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Encode a source into a recording."""
+    """Encode a source into a recording. The short form of `convert`."""
     from lidarcodec.commands import encode as command
+    from lidarcodec.commands.selecting import Selection
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(of_model(source, model), out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force,
+    selection = Selection(frames, skip, begin, end)
+    command.run(of_model(source, model), out, codec, pairs, selection, calibration, poses, with_clouds, learn, force,
                 allow_missed, as_json)  # fmt: skip
 
 
@@ -104,18 +109,30 @@ def decode(
     out: Annotated[
         Path,
         typer.Argument(
-            metavar="OUT", show_default=False, help="A file that ends in .pcap .npz .ply or .las, or a folder."
+            metavar="OUT",
+            show_default=False,
+            help="A file that ends in .pcap .mcap .npz .ply .pcd .las .laz .csv or .e57, or a folder (KITTI).",
         ),
     ],
+    form: FormName = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,
+    begin: FromTime = None,
+    end: ToTime = None,
+    region: Region = None,
+    transform: Transform = None,
+    merge: Merge = False,
+    poses: PosesFile = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Decode a recording into packets (.pcap), images (.npz), points (.ply .las) or a folder of KITTI .bin files."""
+    """Decode a recording into packets, images or points. The short form of `convert`."""
     from lidarcodec.commands import decode as command
+    from lidarcodec.commands.placing import Placing
+    from lidarcodec.commands.selecting import Selection
 
-    command.run(recording, out, frames, skip, force, as_json)
+    selection, placing = Selection(frames, skip, begin, end), Placing.of(region, transform, merge=merge)
+    command.run(recording, out, form, selection, placing, poses, force, as_json)
 
 
 @prints(Verified)

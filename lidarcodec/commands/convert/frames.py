@@ -1,0 +1,213 @@
+"""Writes frames of a source in a format of `commands/outputs`: for `convert`, and `decode` as its short form."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from lidarcodec.commands.outputs.base import Output
+from lidarcodec.commands.outputs.table import Form, check_output, contents_of, open_output
+from lidarcodec.commands.placing import Placing
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.results.files import Converted
+from lidarcodec.commands.running import remaining
+from lidarcodec.commands.running.stopping import Watched, stoppable
+from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.sources import check_finite, check_not_input
+from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.whole import Whole, whole
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.posed import with_poses
+from lidarcodec.sources.spec import parse
+from lidarcodec.sources.table import kind_of
+from lidarcodec.sources.unit_calibration import warn_if_generic
+
+log = logging.getLogger(__name__)
+NO_CLOUD = np.empty(0, [("x", "f4")])
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be written. form: its format;  selection: which frames;  placing: where points lie"""
+
+    out: Path
+    form: Form
+    selection: Selection = field(default_factory=Selection)
+    placing: Placing = field(default_factory=Placing)
+    force: bool = False
+    as_json: bool = False
+
+    def check(self) -> None:
+        """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
+        given = self.placing.given
+        if given and not self.form.points:
+            raise SettingsError(f"{given}: only for points, but {self.form.name} holds packets, images or messages")
+        if self.placing.merge and contents_of(self.out) is not None:
+            raise SettingsError("--merge puts all frames into one file: give OUT an ending, such as .ply", "merge")
+        check_output(self.out, self.form, force=self.force)
+
+
+class Frames(Protocol):
+    """Frames to write. live: whether they come from a sensor;  finish: end them;  say: warn about what was left out"""
+
+    live: bool
+
+    def __iter__(self) -> Iterator[Frame]: ...
+
+    def finish(self) -> None: ...
+
+    def say(self) -> None: ...
+
+
+class _Recorded:
+    """Frames of a recording, as its messages say. A cut or damaged recording gives all complete frames."""
+
+    live = False
+
+    def __init__(self, path: Path, poses: Path | None) -> None:
+        self._recorded = RecordedFrames(path)
+        self._poses = None
+        if poses is not None:
+            with open_source(path, poses=poses) as source:
+                self._poses = source.poses
+
+    def __iter__(self) -> Iterator[Frame]:
+        return with_poses(self._recorded, self._poses)
+
+    def finish(self) -> None:
+        """A recording ends by itself."""
+
+    def say(self) -> None:
+        for text in self._recorded.warnings():
+            log.warning("%s", text)
+
+
+class _Read:
+    """Frames of any other source. posed: whether to take its poses"""
+
+    def __init__(self, source: PacketSource, *, posed: bool) -> None:
+        self._source, self._posed = source, posed
+        self.live = source.live
+
+    def __iter__(self) -> Iterator[Frame]:
+        source = self._source
+        framing = StreamSettings().framing
+        cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
+        return with_poses(cut, source.poses if self._posed else None)
+
+    def finish(self) -> None:
+        self._source.finish()
+
+    def say(self) -> None:
+        say_unkept(self._source.label, self._source.counts)
+
+
+def convert(spec: str, wanted: Wanted, calibration: Path | None, poses: Path | None) -> None:
+    """Write frames of any source. Of a recording of messages they are the decoded frames."""
+    wanted.check()
+    check_finite(spec, wanted.selection.frames, live_too=False)
+    parsed = parse(spec)
+    check_not_input(wanted.out, spec)
+    if kind_of(parsed) == "recording" and not parsed.options and calibration is None:
+        decode(parsed.path, wanted, poses)
+        return
+    with open_source(spec, calibration=calibration, poses=poses) as source:
+        _write(spec, _Read(source, posed=wanted.placing.merge or poses is not None), wanted)
+
+
+def decode(recording: Path, wanted: Wanted, poses: Path | None = None) -> None:
+    """Write the frames of a recording."""
+    check_not_input(wanted.out, recording)
+    wanted.check()
+    _write(str(recording), _Recorded(recording, poses), wanted)
+
+
+@dataclass
+class _Written:
+    """Numbers of what was written."""
+
+    frames: int = 0
+    points: int = 0
+    positions: int = 0
+
+
+def _write(name: str, source: Frames, wanted: Wanted) -> None:
+    out, selection = wanted.out, wanted.selection
+    with (
+        progress("converting", selection.frames) as tick,
+        stoppable(source.finish if source.live else None) as stopped,
+        whole(out, force=wanted.force, contents=contents_of(out)) as output,
+    ):
+        # A signal ends a live source; the packets received so far are the last frame.
+        watched = Watched(source, (lambda: False) if source.live else stopped)
+        chosen = selection.of(watched)
+        first = next(chosen, None)
+        if first is None and stopped():
+            raise remaining.stopped(out, None, 0)
+        if first is None:
+            source.say()
+            raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
+        written = _Written()
+        with _opened(wanted, output.beside) as writer:
+            for frame in chain((first,), chosen):
+                warn_if_generic(frame.sensor, name)
+                _put(writer, frame, wanted, written)
+                tick()
+        part = watched.cut or (
+            source.live and stopped() and selection.frames is not None and written.frames < selection.frames
+        )
+        if part:
+            output.only_part()
+    source.say()
+    _tell(output, wanted, written)
+    if part:
+        raise remaining.stopped(
+            out, output.kept, written.frames, skip=selection.skip, frames=selection.frames, live=source.live
+        )
+
+
+def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> None:
+    cloud = wanted.placing.points(frame) if wanted.form.points else NO_CLOUD
+    writer.write(frame, cloud)
+    written.frames += 1
+    written.points += len(cloud) if wanted.form.points else frame.points
+    written.positions += positions_in(frame)
+
+
+def _tell(output: Whole, wanted: Wanted, written: _Written) -> None:
+    kept = output.kept or wanted.out
+    folder = kept.is_dir()
+    found = Converted(
+        output=str(kept), form=wanted.form.name, files=sum(1 for _ in kept.iterdir()) if folder else 1, beside=[],
+        frames=written.frames, packets=None, points=written.points, positions=written.positions,
+        bytes=kept.stat().st_size if kept.is_file() else None,
+    )  # fmt: skip
+    files = f", a file for each ({wanted.form.name})" if folder else ""
+    text = f"{kept}: {written.frames} frames{files}, {written.points:,} points"
+    tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)
+
+
+@contextmanager
+def _opened(wanted: Wanted, beside: Path) -> Iterator[Output]:
+    """The open output. It is completed at the end; after an error its files are only closed."""
+    writer = open_output(wanted.out, wanted.form, beside)
+    try:
+        yield writer
+    except BaseException:
+        with suppress(Exception):
+            writer.close()
+        raise
+    writer.close()

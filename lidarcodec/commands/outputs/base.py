@@ -1,0 +1,78 @@
+"""The interface of an output of frames, and what formats of points share."""
+
+from __future__ import annotations
+
+import logging
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+
+log = logging.getLogger(__name__)
+
+Cloud = npt.NDArray[np.void]
+"""(N,) structured array of points, as `Frame.cloud()` gives it, perhaps moved and cut."""
+NARROW: Final = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"), ("frame", "<i4"),
+     ("t", "<f8")]
+)  # fmt: skip
+"""A point with what all formats of points hold; `t` in seconds since the first point of the output."""
+WIDE: Final = np.dtype([(name, "<u2" if name == "intensity" else NARROW[name].str) for name in NARROW.names or ()])
+"""The same with intensities of 16 bits."""
+
+
+class Output(Protocol):
+    """A file or folder for frames; `close` completes it."""
+
+    def write(self, frame: Frame, cloud: Cloud) -> None:
+        """Append one frame. cloud: its points; formats of packets and images ignore them."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+def is_wide(frame: Frame, cloud: Cloud) -> bool:
+    """Whether intensities of a stream have 16 bits. Messages of a point cloud have the type that each of them needs."""
+    return frame.sensor.is_cloud or cloud["intensity"].dtype != np.uint8
+
+
+class Rows:
+    """Turns clouds into rows of one type: that of the first frame, whose sensor says how wide intensities are.
+
+    dtype: NARROW or WIDE, known after the first frame
+    """
+
+    def __init__(self, ending: str) -> None:
+        self._ending = ending
+        self._start_ns: int | None = None
+        self._clipped = False
+        self.dtype = NARROW
+
+    def of(self, frame: Frame, cloud: Cloud) -> npt.NDArray[np.void]:
+        """(N,) rows of `dtype`.
+
+        Raises SettingsError if the number of the frame is too large.
+        """
+        if self._start_ns is None:
+            self._start_ns = frame.stamp_ns
+            self.dtype = WIDE if is_wide(frame, cloud) else NARROW
+        rows = np.empty(len(cloud), self.dtype)
+        for name in ("x", "y", "z", "laser", "ring"):
+            rows[name] = cloud[name]
+        top = np.iinfo(self.dtype["intensity"]).max
+        if not self._clipped and cloud["intensity"].max(initial=0) > top:
+            self._clipped = True
+            log.warning(
+                "intensities from frame %d on are clipped to %d, for the first sensor has 8 bits", frame.index, top
+            )
+        rows["intensity"] = np.minimum(cloud["intensity"].astype(np.uint16), top)
+        if frame.index > np.iinfo(np.int32).max:
+            raise SettingsError(
+                f"the number of frame {frame.index} is too large for {self._ending}: write .npz or .pcap"
+            )
+        rows["frame"] = frame.index
+        rows["t"] = (cloud["t_ns"] - self._start_ns) * 1e-9
+        return rows

@@ -1,0 +1,33 @@
+"""Points as E57 (ASTM E2807), by pye57."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from lidarcodec.commands.outputs.base import Cloud
+from lidarcodec.frame import Frame
+
+
+class E57Output:
+    """A scan for each frame, with its number as name: x y z in metres, intensity as the sensor sends it, and the ring
+    as row. A frame without points gives no scan."""
+
+    def __init__(self, path: Path) -> None:
+        import pye57
+
+        path.unlink(missing_ok=True)  # its library opens only new files
+        self._file = pye57.E57(str(path), mode="w")
+
+    def write(self, frame: Frame, cloud: Cloud) -> None:
+        if not len(cloud):
+            return
+        data = {f"cartesian{axis.upper()}": cloud[axis].astype(np.float64) for axis in "xyz"}
+        data["intensity"] = cloud["intensity"].astype(np.float32)
+        data["rowIndex"] = cloud["ring"].astype(np.int32)
+        data["columnIndex"] = np.zeros(len(cloud), np.int32)
+        self._file.write_scan_raw(data, name=f"frame {frame.index}")
+
+    def close(self) -> None:
+        self._file.close()

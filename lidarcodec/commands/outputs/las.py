@@ -1,0 +1,80 @@
+"""Points as LAS 1.4, also compressed (LAZ)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.commands.outputs.base import Cloud, is_wide
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+
+GPS_EPOCH_S: Final = 315_964_800
+"""Begin of GPS time, 6 January 1980, in seconds of Unix time."""
+ADJUSTED_S: Final = 1_000_000_000
+"""What LAS subtracts from GPS seconds ("adjusted standard GPS time", LAS 1.4 R15, table 4, bit 0)."""
+LEAP_SECONDS: Final = (
+    362793600, 394329600, 425865600, 489024000, 567993600, 631152000, 662688000, 709948800, 741484800, 773020800,
+    820454400, 867715200, 915148800, 1136073600, 1230768000, 1341100800, 1435708800, 1483228800,
+)  # fmt: skip
+"""Unix times from which GPS is a second further ahead of UTC, July 1981 to January 2017 (IERS Bulletin C)."""
+
+
+def gps_seconds(stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """(N,) float64, adjusted standard GPS time of Unix times in ns.
+
+    >>> gps_seconds(np.array([1_483_228_800 * 10**9]))  # 2017-01-01: GPS is 18 s ahead
+    array([1.67264018e+08])
+    """
+    ahead = np.searchsorted(np.array(LEAP_SECONDS) * 10**9, stamp_ns, side="right")
+    whole = stamp_ns // 10**9 - GPS_EPOCH_S - ADJUSTED_S + ahead
+    return whole + (stamp_ns % 10**9) * 1e-9
+
+
+class LasOutput:
+    """LAS 1.4 in millimetres: intensity scaled to 16 bits (of point clouds as it is), user_data = ring, point_source_id
+    = laser, gps_time = adjusted standard GPS time, as the flags of the file say."""
+
+    STEP_M: Final = 0.001
+    COMPRESSED = False
+
+    def __init__(self, path: Path) -> None:
+        import laspy
+
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        header.scales = np.full(3, self.STEP_M)
+        header.offsets = np.zeros(3)
+        header.generating_software = "lidarcodec"
+        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
+        header.global_encoding.wkt = True  # LAS 1.4 asks for it with this point format, even without a map projection
+        self._header = header
+        self._writer = laspy.open(path, mode="w", header=header, do_compress=self.COMPRESSED)
+
+    def write(self, frame: Frame, cloud: Cloud) -> None:
+        import laspy
+
+        points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=self._header)
+        try:
+            points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
+        except OverflowError:
+            raise SettingsError(f"points of frame {frame.index} are too far away for .las: write .ply") from None
+        wide = cloud["intensity"].astype(np.uint16)
+        points.intensity = wide if is_wide(frame, cloud) else wide * 257
+        points.user_data = cloud["ring"]
+        points.point_source_id = cloud["laser"].astype(np.uint16)
+        points.gps_time = gps_seconds(cloud["t_ns"])
+        points.return_number = np.ones(len(cloud), np.uint8)
+        points.number_of_returns = np.ones(len(cloud), np.uint8)
+        self._writer.write_points(points)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class LazOutput(LasOutput):
+    """The same, compressed."""
+
+    COMPRESSED = True

@@ -1,0 +1,126 @@
+"""The table of formats for frames, the choice by name and ending, and the opening of an output.
+
+>>> form_of(Path("drive.laz")).name, form_of(Path("scans"), folder="kitti").name, form_of(Path("x.pcd")).extra
+('laz', 'kitti', '')
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final, cast
+
+from lidarcodec.commands.outputs.base import Output
+from lidarcodec.commands.outputs.folder import FolderOutput
+from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
+from lidarcodec.files.whole import check_free
+
+FOLDER_FILES: Final = re.compile(r"\d{6,}\.(bin|npz|ply|pcd|las|laz|csv|e57)|timestamps\.json")
+"""Names of the files in a folder with a file for each frame."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """A format for frames.
+
+    ending: of its files;  made_by: module and class in this folder
+    points: whether it holds points, which can be moved, cut and merged
+    each: whether a folder can have a file for each frame
+    package, extra: what must be installed; empty if nothing
+    """
+
+    name: str
+    ending: str
+    made_by: str
+    points: bool = True
+    each: bool = True
+    package: str = ""
+    extra: str = ""
+
+    @property
+    def only_each(self) -> bool:
+        """Whether there is a file for each frame in any case."""
+        return self.name == "kitti"
+
+    def open(self, path: Path) -> Output:
+        """An open file of this format. Raises OSError if it cannot be written."""
+        module, _, name = self.made_by.partition(":")
+        made = getattr(importlib.import_module(f"lidarcodec.commands.outputs.{module}"), name)
+        return cast(Callable[[Path], Output], made)(path)
+
+
+FORMS: Final = {
+    form.name: form
+    for form in (
+        Form("pcap", ".pcap", "pcap:PcapOutput", points=False, each=False),
+        Form("clouds", ".mcap", "bag:BagOutput", points=False, each=False),
+        Form("npz", ".npz", "npz:NpzOutput", points=False),
+        Form("ply", ".ply", "ply:PlyOutput"),
+        Form("pcd", ".pcd", "pcd:PcdOutput"),
+        Form("pcd-compressed", ".pcd", "pcd:CompressedPcdOutput", package="imagecodecs", extra="images"),
+        Form("las", ".las", "las:LasOutput", package="laspy", extra="las"),
+        Form("laz", ".laz", "las:LazOutput", package="lazrs", extra="las"),
+        Form("csv", ".csv", "text:CsvOutput"),
+        Form("e57", ".e57", "e57:E57Output", package="pye57", extra="e57"),
+        Form("kitti", ".bin", "kitti:KittiScan"),
+    )
+}
+ENDINGS: Final = tuple(dict.fromkeys(form.ending for form in FORMS.values() if not form.only_each))
+
+
+def suffix(path: Path) -> str:
+    """The ending of an output's name; empty for a folder."""
+    return "" if path.is_dir() else path.suffix.lower()
+
+
+def form_of(path: Path, name: str | None = None, *, folder: str | None = None, further: Sequence[str] = ()) -> Form:
+    """The format called `name`, otherwise that of the path's ending; folder: the format of a path without one.
+    further: other names that the command knows, for its error
+
+    Raises UnknownNameError, or SettingsError if there is none or the path does not fit.
+    """
+    ending = suffix(path)
+    if name is None:
+        name = folder if not ending else next((one.name for one in FORMS.values() if one.ending == ending), None)
+        if name is None or (ending and FORMS[name].only_each):
+            known = f"{' '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+            raise SettingsError(
+                f"cannot write {path}: its name must end in {known}, or be a folder for one file a frame"
+            )
+    if name not in FORMS:
+        raise UnknownNameError("format", name, dict.fromkeys((*further, *FORMS)))
+    form = FORMS[name]
+    if ending and (ending != form.ending or form.only_each):
+        raise SettingsError(
+            f"--as {name} does not fit {path}: its name must end in {form.ending}, or be a folder", "as"
+        )
+    if not ending and not form.each:
+        raise SettingsError(f"--as {name} writes one file: {path} must end in {form.ending}", "as")
+    return form
+
+
+def check_output(path: Path, form: Form, *, force: bool = False) -> None:
+    """Raise SettingsError if writing would replace an existing output; MissingExtraError if the library for this format
+    is not installed."""
+    if form.package and find_spec(form.package) is None:
+        raise MissingExtraError(f"writing {path}", form.extra)
+    if form.name != "pcap" and (path.is_fifo() or path.is_char_device()):
+        raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can be written to it")
+    check_free(path, force=force, contents=contents_of(path))
+
+
+def contents_of(path: Path) -> re.Pattern[str] | None:
+    """Names of the files in an output folder; None if the output is a file."""
+    return None if suffix(path) else FOLDER_FILES
+
+
+def open_output(path: Path, form: Form, beside: Path) -> Output:
+    """The output of this format, written to `beside`.
+
+    Raises OSError if it cannot be written.
+    """
+    return form.open(beside) if suffix(path) else FolderOutput(beside, form.ending, form.open)

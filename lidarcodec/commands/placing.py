@@ -1,0 +1,130 @@
+"""Where points of an output lie: `--merge` by the poses of their frames, then `--transform`, then `--region`.
+
+>>> Placing.of(None, "1,0,0,0,0,90", merge=False).T_out_sensor.round(3).tolist()[:2]
+[[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]]
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+
+Cloud = npt.NDArray[np.void]
+Matrix = npt.NDArray[np.float64]
+AXES: Final = "xyz"
+
+
+class Placing:
+    """Moves and cuts points.
+
+    region: (2, 3) float64, least and greatest x y z in metres of the output, or None
+    T_out_sensor: (4, 4) float64 from the sensor, with `merge` from the sensor as it stood at the first frame
+    merge: whether points are placed by the poses of their frames
+    """
+
+    def __init__(
+        self, region: Matrix | None = None, T_out_sensor: Matrix | None = None, *, merge: bool = False
+    ) -> None:
+        self.region, self.merge = region, merge
+        self.moved = merge or T_out_sensor is not None
+        self.T_out_sensor = np.eye(4) if T_out_sensor is None else T_out_sensor
+        self._T_first_world: Matrix | None = None
+
+    @classmethod
+    def of(cls, region: str | None, transform: str | None, *, merge: bool) -> Placing:
+        """From the texts of the options. Raises SettingsError."""
+        return cls(
+            None if region is None else _region(region),
+            None if transform is None else _transform(transform),
+            merge=merge,
+        )
+
+    @property
+    def given(self) -> str:
+        """Names of the options that were given; empty if there are none."""
+        names = {
+            "--region": self.region is not None,
+            "--transform": self.moved and not self.merge,
+            "--merge": self.merge,
+        }
+        return ", ".join(name for name, there in names.items() if there)
+
+    def points(self, frame: Frame) -> Cloud:
+        """(N,) structured array: points of a frame, moved and cut.
+
+        Raises SettingsError if poses are needed and the frame has none.
+        """
+        cloud = frame.cloud()
+        if not self.moved and self.region is None:
+            return cloud
+        xyz = np.stack([cloud[axis].astype(np.float64) for axis in AXES], axis=-1)
+        if self.moved:
+            T = self.T_out_sensor @ self._pose(frame) if self.merge else self.T_out_sensor
+            xyz = xyz @ T[:3, :3].T + T[:3, 3]
+            cloud = cloud.copy()
+            for at, axis in enumerate(AXES):
+                cloud[axis] = xyz[:, at]
+        if self.region is None:
+            return cloud
+        least, greatest = self.region
+        inside: Cloud = cloud[((xyz >= least) & (xyz <= greatest)).all(axis=1)]
+        return inside
+
+    def _pose(self, frame: Frame) -> Matrix:
+        """From the sensor at this frame to the sensor at the first one."""
+        if frame.pose is None:
+            raise SettingsError(
+                f"--merge needs to know where the sensor was, but frame {frame.index} has no pose: give --poses FILE",
+                "merge",
+            )
+        if self._T_first_world is None:
+            self._T_first_world = np.asarray(np.linalg.inv(frame.pose), np.float64)
+        return np.asarray(self._T_first_world @ frame.pose, np.float64)
+
+
+def _numbers(name: str, text: str, form: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
+        raise SettingsError(f"{name} {text}: write {form}", name.lstrip("-"))
+    return numbers
+
+
+def _region(text: str) -> Matrix:
+    form = "XMIN,YMIN,XMAX,YMAX or XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX in metres"
+    numbers = _numbers("--region", text, form, (4, 6))
+    if len(numbers) == 4:
+        numbers = [numbers[0], numbers[1], -math.inf, numbers[2], numbers[3], math.inf]
+    region = np.array(numbers).reshape(2, 3)
+    if (region[0] >= region[1]).any():
+        raise SettingsError(f"--region {text} is empty: each least number must be below its greatest", "region")
+    return region
+
+
+def _transform(text: str) -> Matrix:
+    form = "X,Y,Z,ROLL,PITCH,YAW in metres and degrees, or the 12 numbers of a 3 x 4 matrix, row by row"
+    numbers = _numbers("--transform", text, form, (6, 12))
+    T = np.eye(4)
+    if len(numbers) == 12:
+        T[:3] = np.array(numbers).reshape(3, 4)
+        if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
+            raise SettingsError(f"--transform {text}: its 3 x 3 part is not a rotation", "transform")
+        return T
+    roll, pitch, yaw = np.radians(numbers[3:])
+    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
+    # Rz(yaw) Ry(pitch) Rx(roll), as in ROS (REP 103).
+    T[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    T[:3, 3] = numbers[:3]
+    return T

@@ -1,0 +1,110 @@
+"""Which frames of a source a command takes: `--from` and `--to` by time, then `--skip` and `--frames` by number.
+
+A TIME is a number of seconds from the beginning of the source, RFC 3339, or nanoseconds since 1970.
+
+>>> time_of("2.5", 1_000_000_000)
+3500000000
+>>> time_of("2026-11-26T13:00:00Z", 0)
+1795698000000000000
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import chain, islice
+from typing import Final, Protocol, TypeVar
+
+from lidarcodec.errors import SettingsError
+
+LEAST_NS_DIGITS: Final = 16
+"""A whole number with as many digits is in nanoseconds since 1970, a shorter one in seconds."""
+
+
+class Stamped(Protocol):
+    """A frame, a packet or a message."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Host time in ns since 1970."""
+
+
+Item = TypeVar("Item", bound=Stamped)
+
+
+def time_of(text: str, begin_ns: int) -> int:
+    """A time in ns since 1970. begin_ns: beginning of the source
+
+    Raises SettingsError.
+    """
+    if text.isascii() and text.isdigit() and len(text) >= LEAST_NS_DIGITS:
+        return int(text)
+    try:
+        seconds = float(text)
+    except ValueError:
+        return _date(text)
+    if not math.isfinite(seconds) or abs(seconds) > 1e9:
+        raise _wrong(text)
+    return begin_ns + round(seconds * 1e9)
+
+
+def _date(text: str) -> int:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise _wrong(text) from None
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 10**9 + since.microseconds * 1000
+
+
+def _wrong(text: str) -> SettingsError:
+    return SettingsError(
+        f"{text} is not a time: write seconds from the beginning, such as 12.5, or 2026-11-26T13:00:00Z", "from"
+    )
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a command takes. frames, skip: numbers of frames;  begin, end: texts of times, the end is not included"""
+
+    frames: int | None = None
+    skip: int = 0
+    begin: str | None = None
+    end: str | None = None
+
+    def __post_init__(self) -> None:
+        begin, end = (None if text is None else time_of(text, 0) for text in (self.begin, self.end))
+        same_kind = (begin is None or end is None) or (begin >= 10**18) == (end >= 10**18)
+        if begin is not None and end is not None and same_kind and end <= begin:
+            raise SettingsError(f"--to {self.end} is not after --from {self.begin}", "to")
+
+    @property
+    def by_time(self) -> bool:
+        """Whether a time was given."""
+        return self.begin is not None or self.end is not None
+
+    def in_time(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Items from `begin` on and before `end`. They come in the order of their times, or nearly so."""
+        rest = iter(items)
+        first = next(rest, None)
+        if first is None:
+            return
+        begin_ns = None if self.begin is None else time_of(self.begin, first.stamp_ns)
+        end_ns = None if self.end is None else time_of(self.end, first.stamp_ns)
+        for item in chain((first,), rest):
+            if end_ns is not None and item.stamp_ns >= end_ns:
+                return
+            if begin_ns is None or item.stamp_ns >= begin_ns:
+                yield item
+
+    def of(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items that are taken."""
+        return islice(self.in_time(items), self.skip, None if self.frames is None else self.skip + self.frames)
+
+    def nothing(self) -> str:
+        """What a source without any such item lacks, for an error: `no frame after the first 3`."""
+        times = [f"{word} {text}" for word, text in (("from", self.begin), ("to", self.end)) if text is not None]
+        skipped = [f"after the first {self.skip}"] if self.skip or not times else []
+        return " ".join(["no frame", *skipped, *times])

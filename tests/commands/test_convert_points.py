@@ -1,0 +1,132 @@
+"""`convert` and `decode` into points: from every kind of source, chosen by time, moved, cut and merged."""
+
+import json
+
+import laspy
+import mcap.reader
+import numpy as np
+import pytest
+
+import lidarcodec
+from lidarcodec.commands.outputs.base import NARROW
+from tests.command_line import run_here, the_one_line
+
+START_S = 1_767_225_600
+"""Of simulated drives, in Unix time."""
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A capture of three turns beside its recording, its bag, and its poses: 2 m further each turn."""
+    folder = tmp_path_factory.mktemp("drive")
+    capture, recording = folder / "drive.pcap", folder / "drive.mcap"
+    assert run_here("simulate", "sim:street", capture, "--frames", 3).returncode == 0
+    assert run_here("encode", capture, recording).returncode == 0
+    assert run_here("convert", capture, folder / "bag").returncode == 0
+    lines = (f"{START_S + 0.1 * i:.1f} {2.0 * i} 0 0 0 0 0 1\n" for i in range(5))
+    (folder / "poses.txt").write_text("".join(lines))
+    return folder
+
+
+def done(*words):
+    result = run_here(*words, "--json")
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def points(path):
+    """Rows of a binary PLY of ours."""
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    assert b"uchar intensity" in head
+    return np.frombuffer(body, NARROW)
+
+
+@pytest.mark.parametrize("source", ["drive.pcap", "drive.mcap", "bag", "sim:street?frames=3"])
+def test_points_are_the_same_from_every_kind_of_source(drive, tmp_path, source):
+    spec = source if ":" in source else drive / source
+    found = done("convert", spec, tmp_path / "a.ply")
+    cloud = np.concatenate([frame.cloud() for frame in lidarcodec.read_frames(drive / "drive.pcap")])
+    rows = points(tmp_path / "a.ply")
+    assert (found["form"], found["points"]) == ("ply", len(cloud))
+    for name in ("x", "y", "z", "intensity", "ring"):
+        np.testing.assert_array_equal(rows[name], cloud[name])
+
+
+def test_scans_of_kitti_and_messages_of_points_are_sources_too(drive, tmp_path):
+    clouds = done("convert", drive / "drive.mcap", tmp_path / "clouds.mcap", "--as", "clouds")
+    with (tmp_path / "clouds.mcap").open("rb") as file:
+        summary = mcap.reader.make_reader(file).get_summary()
+    assert summary.statistics.message_count == clouds["frames"]
+    found = done("convert", tmp_path / "clouds.mcap", tmp_path / "a.laz")
+    assert found["points"] == clouds["points"] == len(laspy.read(tmp_path / "a.laz").points)
+
+
+def test_decode_is_the_short_form(drive, tmp_path):
+    for name, words in (("a.las", ()), ("scans", ("--as", "kitti")), ("each", ("--as", "pcd"))):
+        one, two = tmp_path / "one" / name, tmp_path / "two" / name
+        for folder in (one.parent, two.parent):
+            folder.mkdir(exist_ok=True)
+        first = done("convert", drive / "drive.mcap", one, *words)
+        second = done("decode", drive / "drive.mcap", two, *words)
+        assert first["files"] == second["files"]
+        files = [(one, two)] if one.is_file() else [(path, two / path.name) for path in one.iterdir()]
+        assert all(first.read_bytes() == second.read_bytes() for first, second in files)
+
+
+@pytest.mark.parametrize(
+    ("words", "frames"),
+    [
+        (["--frames", "1"], [0]),
+        (["--skip", "1"], [1, 2]),
+        (["--from", "0.1"], [1, 2]),
+        (["--to", "0.15"], [0, 1]),
+        (["--from", "2026-01-01T00:00:00.1Z", "--to", "2026-01-01T00:00:00.2+00:00"], [1]),
+        (["--from", f"{START_S}100000000", "--skip", "1"], [2]),
+    ],
+)
+def test_frames_are_chosen_by_time_and_by_number(drive, tmp_path, words, frames):
+    done("convert", drive / "drive.mcap", tmp_path / "a.ply", *words)
+    assert sorted(set(points(tmp_path / "a.ply")["frame"].tolist())) == frames
+
+
+def test_packets_and_recordings_are_chosen_by_time_too(drive, tmp_path):
+    packets = done("convert", drive / "drive.pcap", tmp_path / "a.pcap", "--from", "0.1", "--to", "0.2")["packets"]
+    assert 340 <= packets <= 350
+    assert done("encode", drive / "drive.pcap", tmp_path / "a.mcap", "--to", "0.15")["frames"] == 2
+
+
+def test_a_time_without_frames_is_an_error_that_says_it(drive, tmp_path):
+    result = run_here("decode", drive / "drive.mcap", tmp_path / "a.ply", "--from", "9")
+    assert result.returncode == 1
+    assert "no frame from 9" in the_one_line(result)
+    assert not (tmp_path / "a.ply").exists()
+
+
+def test_points_are_moved_and_then_cut(drive, tmp_path):
+    done("decode", drive / "drive.mcap", tmp_path / "a.ply", "--frames", 1)
+    before = points(tmp_path / "a.ply")
+    words = ("--frames", 1, "--transform", "1,2,3,0,0,90", "--region", "-10,-10,0,10,10,5")
+    done("decode", drive / "drive.mcap", tmp_path / "b.ply", *words)
+    after = points(tmp_path / "b.ply")
+    moved = np.stack([1 - before["y"], 2 + before["x"], 3 + before["z"]], axis=-1)
+    inside = (np.abs(moved[:, :2]) <= 10).all(axis=1) & (moved[:, 2] >= 0) & (moved[:, 2] <= 5)
+    assert 0 < len(after) == inside.sum() < len(before)
+    np.testing.assert_allclose(np.stack([after[axis] for axis in "xyz"], axis=-1), moved[inside], atol=1e-4)
+
+
+def test_merged_frames_lie_where_their_poses_say_as_the_first_one_sees_them(drive, tmp_path):
+    refused = run_here("convert", drive / "drive.pcap", tmp_path / "a.ply", "--merge")
+    assert refused.returncode == 2
+    assert "--poses FILE" in the_one_line(refused)
+    done("convert", drive / "drive.pcap", tmp_path / "plain.ply")
+    plain = points(tmp_path / "plain.ply")
+    for source in ("drive.pcap", "drive.mcap"):
+        done("convert", drive / source, tmp_path / f"{source}.ply", "--merge", "--poses", drive / "poses.txt")
+        merged = points(tmp_path / f"{source}.ply")
+        np.testing.assert_allclose(merged["x"] - plain["x"], 2.0 * plain["frame"], atol=0.1)
+        np.testing.assert_allclose(merged["y"], plain["y"], atol=1e-3)
+
+
+def test_a_source_that_knows_its_poses_is_merged_without_a_file(tmp_path):
+    found = done("convert", "sim:street?frames=2", tmp_path / "a.pcd", "--merge")
+    assert (found["frames"], found["form"]) == (2, "pcd")
