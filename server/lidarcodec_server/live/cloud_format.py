@@ -15,11 +15,13 @@ import numpy.typing as npt
 from lidarcodec.cloud import cloud_to_show, xyz_of
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import layout_of
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
+from lidarcodec_server.live.cloud_image import FARTHEST_M, cloud_image
 from lidarcodec_server.live.options import Encoding
-from lidarcodec_server.live.ring_geometry import facts_of_rings, shown_ranges, shown_step
+from lidarcodec_server.live.ring_geometry import facts_of_rings, ring_geometry, shown_ranges, shown_step
 
 FORMAT_VERSION: Final = 1
 MAGIC: Final = {"points": b"LDCP", "range": b"LDCR"}
@@ -59,6 +61,8 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
         frame = filled(frame)
     if frame.filled is None:
         encoding = _without(encoding, "filled")
+    if encoding.form == "range" and frame.sensor.is_cloud:
+        return _cloud_image(frame, facts, encoding)
     if encoding.form == "range":
         return _range_image(frame, facts, encoding, original)
     if not frame.sensor.is_hdl64e:
@@ -86,14 +90,17 @@ def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
     encoding = _without(encoding, "range")
     cloud = cloud_to_show(frame)
     there = len(cloud)
-    if encoding.max_points is not None and there > encoding.max_points:
-        cloud = cloud[np.arange(encoding.max_points, dtype=np.int64) * there // encoding.max_points]
+    if frame.sensor.is_cloud:
+        cloud = cloud[np.sqrt(sum(np.square(cloud[axis], dtype=np.float64) for axis in "xyz")) <= FARTHEST_M]
+    if encoding.max_points is not None and len(cloud) > encoding.max_points:
+        cloud = cloud[np.arange(encoding.max_points, dtype=np.int64) * len(cloud) // encoding.max_points]
     reach_m = max((float(np.abs(cloud[axis]).max()) for axis in "xyz"), default=0.0) if len(cloud) else 0.0
     step_m = float(np.float32(max(STEP_M, reach_m * 1.0001 / _LARGEST)))
     arrays: list[npt.NDArray[Any]] = [np.rint(cloud[axis] / np.float32(step_m)).astype("<i2") for axis in "xyz"]
     for name in encoding.attributes:
         arrays.append(_bytes_of(cloud["intensity"]) if name == "intensity" else cloud[name])
-    return _message(frame, facts, encoding, len(cloud), len(cloud) < there, step_m, arrays)
+    measured = there if frame.sensor.is_cloud else None
+    return _message(frame, facts, encoding, len(cloud), len(cloud) < there, step_m, arrays, measured)
 
 
 def _bytes_of(intensity: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
@@ -134,6 +141,18 @@ def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Range
     return _message(frame, facts, encoding, returns, False, step_m, arrays)
 
 
+def _cloud_image(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
+    """The range image of a point cloud; it has no original, whose points would lie in other cells."""
+    image = cloud_image(frame)
+    arrays: list[npt.NDArray[Any]] = [image.ranges, np.stack((image.azimuth, image.azimuth))]
+    encoding = encoding._replace(attributes=tuple(one for one in encoding.attributes if one == "intensity"))
+    if encoding.attributes:
+        arrays.append(image.intensity)
+    drawn = image.drawn
+    shape, points = image.ranges.shape, image.points
+    return _message(frame, facts, encoding, drawn, drawn < points, image.step_m, arrays, points, shape)
+
+
 def _message(
     frame: Frame,
     facts: Facts,
@@ -142,7 +161,13 @@ def _message(
     thinned: bool,
     step_m: float,
     arrays: list[npt.NDArray[Any]],
+    measured: int | None = None,
+    shape: tuple[int, ...] | None = None,
 ) -> bytes:
+    """measured: number of returns that were sent;  shape: of the images; both if they are not those of the frame"""
+    rows, columns = shape or (frame.sensor.rows, frame.width)
+    if measured is None:
+        measured = _measured(frame)
     pose = b"" if frame.pose is None else POSE.pack(*frame.pose[:3].ravel())
     parts = [b"", pose]
     for array in arrays:
@@ -153,10 +178,17 @@ def _message(
     latency_ms = float("nan") if facts.latency_ms is None else facts.latency_ms
     parts[0] = HEADER.pack(
         MAGIC[encoding.form], FORMAT_VERSION, HEADER.size + len(pose), facts.stream_id, frame.index, frame.stamp_ns,
-        facts.decoded_ns, facts.codec, flags, count, _measured(frame), min(facts.missing, 2**32 - 1), latency_ms,
-        step_m, 0.0, 0.0, 0.0, frame.width, frame.sensor.rows, HEADER.size + sum(map(len, parts)),
+        facts.decoded_ns, facts.codec, flags, count, measured, min(facts.missing, 2**32 - 1), latency_ms,
+        step_m, 0.0, 0.0, 0.0, columns, rows, HEADER.size + sum(map(len, parts)),
     )  # fmt: skip
     return b"".join(parts)
+
+
+def sensor_key(frame: Frame) -> object:
+    """What tells whether `sensor_facts` may differ from those of another frame; a point cloud has its own in each."""
+    sensor, found = frame.sensor, layout_of(frame)
+    itself = frame if sensor.is_cloud else None
+    return sensor.hash, sensor.convention, None if found is None else found[1].name, frame.width > 0, itself
 
 
 def sensor_facts(sensor: SensorModel, frame: Frame | None = None) -> dict[str, Any]:
@@ -167,7 +199,11 @@ def sensor_facts(sensor: SensorModel, frame: Frame | None = None) -> dict[str, A
     """
     about = {"name": sensor.name, "model": sensor.model, "hash": sensor.hash, "origin": sensor.origin}
     if not sensor.is_hdl64e and frame is not None:
-        return {**about, "convention": "veloview", "note": note_of(sensor), **facts_of_rings(frame)}
+        image = cloud_image(frame) if sensor.is_cloud else None
+        geometry = ring_geometry(frame) if image is None else image.geometry
+        step_m = sensor.range_step_m * shown_step(frame) if image is None else image.step_m
+        rings = facts_of_rings(frame, geometry, step_m)
+        return {**about, "convention": "veloview", "note": note_of(sensor), **rings}
     order = sensor.laser_of_ring
     values = {
         name: [round(float(value), 9) for value in sensor.calibration[name][order]]

@@ -16,17 +16,11 @@ import numpy.typing as npt
 from lidarcodec.errors import CalibrationError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
-from lidarcodec.image_frame import column_azimuths
-from lidarcodec.sensors.clouds.message import read_message
-from lidarcodec.sensors.clouds.points import payload_of
-from lidarcodec.sensors.clouds.view import view_of
 from lidarcodec.sensors.images import Images
 
 COLUMNS: Final = 256
 """Number of columns used for the fit."""
 MAX_U16: Final = 65_535
-CLOUD_STEP: Final = 4
-"""Steps of 1 mm that are one of the image of a point cloud: 262 m in 16 bits."""
 _FAR: Final = 4096
 """The second of the two ranges, in range steps."""
 
@@ -45,8 +39,6 @@ class RingGeometry(NamedTuple):
 
 def ring_geometry(frame: Frame) -> RingGeometry | None:
     """The geometry of a frame's rings; None for a frame without points, such as one of an Ouster without metadata."""
-    if frame.sensor.is_cloud:
-        return _of_points(frame)
     found = layout_of(frame)
     if found is None or not frame.width:
         return None
@@ -73,31 +65,8 @@ def ring_geometry(frame: Frame) -> RingGeometry | None:
     return RingGeometry(rotation, elevation, distance, origin[2].mean(axis=1) - distance * np.sin(elevation), sideways)
 
 
-def _of_points(frame: Frame) -> RingGeometry | None:
-    """The geometry of a point cloud that came as a message: the usual direction of the points of each row."""
-    cloud, rows = frame.cloud(), frame.sensor.rows
-    if not len(cloud) or not frame.width:
-        return None
-    message = read_message(payload_of(frame))
-    view = view_of(message, rows)
-    if view is None:
-        return None
-    azimuth = np.radians(column_azimuths(message, view)[view.column[message.returns]] * 0.01)
-    beta = np.arctan2(-cloud["y"], cloud["x"])
-    turned = np.bincount(cloud["ring"], np.cos(azimuth - beta), rows) + 1j * np.bincount(
-        cloud["ring"], np.sin(azimuth - beta), rows
-    )
-    elevation = np.arctan2(cloud["z"], np.hypot(cloud["x"], cloud["y"]))
-    count = np.maximum(np.bincount(cloud["ring"], minlength=rows), 1)
-    none = np.zeros(rows)
-    mean = np.bincount(cloud["ring"], elevation, rows) / count
-    return RingGeometry(np.angle(turned), mean, none, none, none)
-
-
 def shown_step(frame: Frame) -> int:
     """Number of the sensor's range steps in one step of a 16-bit range image."""
-    if frame.sensor.is_cloud:
-        return CLOUD_STEP
     if frame.sensor.is_hdl64e:
         return 1
     layout = layout_of(frame)
@@ -114,17 +83,19 @@ def shown_ranges(frame: Frame) -> npt.NDArray[np.uint16]:
     return np.where(ranges > 0, np.clip((ranges + step // 2) // step, 1, MAX_U16), 0).astype(np.uint16)
 
 
-def facts_of_rings(frame: Frame) -> dict[str, Any]:
-    """The lists of the event `sensor`, one value for each ring; zeros for a frame without points."""
-    geometry = ring_geometry(frame)
-    rows = frame.sensor.rows
+def facts_of_rings(frame: Frame, geometry: RingGeometry | None, step_m: float) -> dict[str, Any]:
+    """The lists of the event `sensor`, one value for each ring; zeros without a geometry.
+
+    step_m: of the range image
+    """
+    rows = frame.sensor.rows if geometry is None else len(geometry.rot_correction_rad)
     values = RingGeometry(*(np.zeros(rows) for _ in RingGeometry._fields)) if geometry is None else geometry
     lists = {name: [round(float(value), 9) for value in getattr(values, name)] for name in RingGeometry._fields}
     distance = lists["dist_correction_m"]
     return {
-        "range_step_m": frame.sensor.range_step_m * shown_step(frame),
+        "range_step_m": step_m,
         "rings": rows,
-        "laser": [int(laser) for laser in frame.sensor.laser_of_ring],
+        "laser": list(range(rows)) if frame.sensor.is_cloud else [int(laser) for laser in frame.sensor.laser_of_ring],
         "block": [0] * rows,
         **lists,
         "dist_correction_x_m": distance,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
 
 from lidarcodec.frame import Frame
-from lidarcodec_server.live.cloud_format import Facts, packed
+from lidarcodec_server.live.cloud_format import Facts, packed, sensor_facts
 from lidarcodec_server.live.options import Encoding
 from lidarcodec_server.live.originals import Originals
 
@@ -30,6 +31,10 @@ class FrameView:
                 return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding, original), work)
             encoding = encoding._replace(attributes=tuple(one for one in encoding.attributes if one != "original"))
         return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding), work)
+
+    async def sensor(self, work: Work) -> bytes:
+        """The facts of its sensor, as JSON."""
+        return await self.made("sensor", lambda: json.dumps(sensor_facts(self.frame.sensor, self.frame)).encode(), work)
 
     async def made(self, what: object, make: Callable[[], bytes], work: Work) -> bytes:
         """Call `make` in a thread, once for all callers with the same `what`; its result."""

@@ -7,13 +7,15 @@ seconds of data while every `send` returns at once. So only acknowledgements of 
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from abc import ABC, abstractmethod
 from collections import deque
 from typing import Any, Final, NamedTuple
 
 from lidarcodec_server.live.chain import Coded, KeyChain
-from lidarcodec_server.live.cloud_format import sensor_facts
+from lidarcodec_server.live.cloud_format import sensor_key
+from lidarcodec_server.live.cloud_image import still_holds
 from lidarcodec_server.live.options import CloudOptions, FramesOptions
 from lidarcodec_server.live.view import FrameView, Work
 
@@ -116,7 +118,8 @@ class CloudViewer(Viewer):
         self.options = options
         self._slot: FrameView | None = None
         self._skipped = 0
-        self._told_sensor = ""
+        self._sensor_key: object = None
+        self._told_sensor: dict[str, Any] | None = None
         self._due = float("-inf")
 
     @property
@@ -139,14 +142,28 @@ class CloudViewer(Viewer):
         view, self._slot = self._slot, None
         if view is None:
             return Parcel(events)
-        sensor = view.frame.sensor
-        if sensor.hash + sensor.convention != self._told_sensor:
-            self._told_sensor = sensor.hash + sensor.convention
-            events.append({"event": "sensor", **sensor_facts(sensor, view.frame)})
+        if (key := self._key_of(view)) != self._sensor_key:
+            self._sensor_key = key
+            facts = json.loads(await view.sensor(work))
+            if not self._knows(view, facts):
+                self._told_sensor = facts
+                events.append({"event": "sensor", **facts})
         if self.options.rate is not None:
             now, period_s = time.monotonic(), 1.0 / self.options.rate
             self._due = (now if now - self._due > period_s else self._due) + period_s
         return Parcel(events, view.frame.index, await view.encoded(self.options.encoding, work))
+
+    def _key_of(self, view: FrameView) -> object:
+        """What tells whether the sensor may have to be told again; coordinates need no more than its name."""
+        sensor = view.frame.sensor
+        return sensor_key(view.frame) if self.options.encoding.form == "range" else (sensor.hash, sensor.convention)
+
+    def _knows(self, view: FrameView, facts: dict[str, Any]) -> bool:
+        """Whether the facts of a sensor that the client has hold for a frame."""
+        told = self._told_sensor
+        if told is None or told["hash"] != facts["hash"] or not view.frame.sensor.is_cloud:
+            return told == facts
+        return self.options.encoding.form == "points" or still_holds(told, view.frame)
 
     def _pause_s(self) -> float:
         if self.options.rate is None or self._slot is None:
