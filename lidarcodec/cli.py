@@ -18,7 +18,7 @@ from lidarcodec.commands.evaluate import command as evaluate
 from lidarcodec.commands.join.command import join
 from lidarcodec.commands.running import run as running
 from lidarcodec.commands.running.ending import WRONG_USAGE
-from lidarcodec.commands.signatures import files, fleet, live
+from lidarcodec.commands.signatures import files, fleet, live, past
 from lidarcodec.commands.train import command as train
 
 app = typer.Typer(
@@ -59,7 +59,7 @@ def _common(
 for command in (
     files.info, files.doctor, files.encode, files.decode, convert, join, files.verify, files.annotate, files.bench,
     files.simulate,
-    live.publish, live.subscribe, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
+    live.publish, live.subscribe, past.fetch, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
 ):  # fmt: skip
     app.command()(command)
 

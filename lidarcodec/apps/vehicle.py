@@ -17,6 +17,7 @@ from typing import Any
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
+from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record
@@ -48,6 +49,7 @@ class SensorPlan:
     rate: Rate | None = None
     with_poses: bool = False
     record: Record | None = None
+    keep: Keep | None = None
     original: bool = False
 
 
@@ -186,6 +188,7 @@ class _Sensor:
                 endpoints=self._endpoints,
                 transport=self._network,
                 record=plan.record,
+                keep=plan.keep,
                 poses=source.poses if plan.with_poses else None,
                 original=plan.original,
             )

@@ -7,6 +7,7 @@ not the stream. Writing blocks as long as the disk does: call it from a thread o
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import logging
 import os
@@ -40,15 +41,20 @@ _POSE_BYTES: Final = 1024
 """Most bytes of a cloud's head and its pose."""
 _SPARE: Final = 3
 """File handles in reserve: a new file, its folder, and one more."""
+_NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
 class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
+            `deleted for a full disk` (of these),
             `lost files` (removed, replaced or overwritten by another program during the recording),
             `waiting for a key message` (not written), `not recorded`
     stopped: why recording stopped, None while it runs;  clouds: set this if `write_cloud` will be called
+    stays: whether a file must not be deleted
+    thins: whether a full disk deletes the oldest file that may go, instead of stopping the recording. It continues with
+        the next key message then
     """
 
     def __init__(
@@ -76,6 +82,8 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
         self.settings = settings
         self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
+        self.stays: Callable[[Path], bool] = _never
+        self.thins = False
         self.clouds = False
         self.counts: Counter[str] = Counter()
         self.stopped: str | None = None
@@ -120,6 +128,17 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             return False
         return self._add(size, lambda writer: writer.write_cloud(frame), what="clouds")
 
+    def sync(self) -> None:
+        """Make everything written so far survive a power failure."""
+        file, writer = self._file, self._writer
+        if file is not None and writer is not None and writer.bytes_written > self._synced:
+            self._guarded(lambda: self._sync(file, writer))
+
+    @property
+    def waits_for_key(self) -> bool:
+        """Whether the next message has to be a key message to be recorded."""
+        return self._writer is None
+
     def close(self) -> None:
         """End the current file. A second call does nothing."""
         self._look_after_file()
@@ -133,24 +152,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
 
     def files(self) -> list[Path]:
         """Files of this sensor in the folder, oldest first."""
-        name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
-        there = self._spare.opened(lambda: list(self.folder.iterdir()))
-        found = [path for path in there if name.fullmatch(path.name) and self._is_ours(path)]
-        times = {path: _changed_ns(path) for path in found}
-        return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
-
-    def _is_ours(self, path: Path) -> bool:
-        """Whether a file is of this sensor, by its metadata: `car_1`, `roof` and `car`, `1_roof` have equal file
-        names.
-        """
-        if "_" not in self.vehicle + self.sensor or path.name in self._made:
-            return True
-        try:
-            with open_regular(path) as file:
-                about = RecordingReader(file, warn=False).metadata
-        except (OSError, SourceError):
-            return False
-        return (about.get("vehicle"), about.get("sensor")) == (self.vehicle, self.sensor)
+        return self._spare.opened(lambda: recorded_files(self.folder, self.vehicle, self.sensor, self._made))
 
     def _look_after_file(self) -> None:
         """Close the current file if another program removed, replaced or overwrote it: writing would not fail, but the
@@ -186,8 +188,12 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         write(writer)
         self._in_file += 1
         if writer.bytes_written - self._synced >= self.sync_bytes and self._file is not None:
-            os.fsync(self._file.fileno())
-            self._synced = writer.bytes_written
+            self._sync(self._file, writer)
+
+    def _sync(self, file: IO[bytes], writer: RecordingWriter) -> None:
+        written = writer.bytes_written
+        os.fsync(file.fileno())
+        self._synced = written
 
     def _begin(self, stamp_ns: int, first_bytes: int) -> None:
         """Begin a file. If this process cannot open more files, continue the current one instead."""
@@ -237,14 +243,16 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         for path, size in files:
             if total + needed <= self.max_total_bytes:
                 return
-            if _is_written(path):
+            if self.stays(path) or _is_written(path):
                 continue
             path.unlink(missing_ok=True)
             total -= size
             self.counts["deleted files"] += 1
         if needed + total > self.max_total_bytes and total:
             raise OSError(
-                f"another program already writes recordings of this stream in {self.folder}: use another folder"
+                f"files that must stay fill {self.folder}: release some of their marks"
+                if any(map(self.stays, (path for path, _ in files)))
+                else f"another program already writes recordings of this stream in {self.folder}: use another folder"
             )
         if needed > self.max_total_bytes:
             raise OSError(
@@ -270,11 +278,26 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         try:
             work()
         except OSError as error:
-            self._stop(f"{error.strerror or error}")
+            if not (self.thins and error.errno in _NO_ROOM and self._thinned()):
+                self._stop(f"{error.strerror or error}")
             return False
         except MemoryError:  # a message may be incomplete, which would hide later ones
             self._stop("there was not enough memory")
             return False
+        return True
+
+    def _thinned(self) -> bool:
+        """End the current file as it is, and delete the oldest one that may go. Returns whether there was one."""
+        with contextlib.suppress(OSError, MemoryError):
+            self._end()
+        gone = next((path for path in self.files() if not self.stays(path) and not _is_written(path)), None)
+        if gone is None:
+            return False
+        gone.unlink(missing_ok=True)
+        self.counts["deleted files"] += 1
+        self.counts["deleted for a full disk"] += 1
+        if self.counts["deleted for a full disk"] == 1:
+            log.warning("the disk of %s is full: the oldest recordings there are deleted", self.folder)
         return True
 
     def _stop(self, reason: str) -> None:
@@ -285,6 +308,33 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             self._end()
         except (OSError, MemoryError):
             log.debug("the last file in %s has no index", self.folder)
+
+
+def recorded_files(folder: Path, vehicle: str, sensor: str, known: Sequence[str] = ()) -> list[Path]:
+    """Files that a RotatingRecorder wrote of a sensor, oldest first. known: names that are certainly of this sensor
+
+    Raises OSError if the folder cannot be read.
+    """
+    name = re.compile(re.escape(f"{vehicle}_{sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
+    found = [path for path in folder.iterdir() if name.fullmatch(path.name)]
+    if "_" in vehicle + sensor:  # `car_1`, `roof` and `car`, `1_roof` have equal file names
+        found = [path for path in found if path.name in known or _is_of(path, vehicle, sensor)]
+    times = {path: _changed_ns(path) for path in found}
+    return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
+
+
+def _is_of(path: Path, vehicle: str, sensor: str) -> bool:
+    """Whether the metadata of a file names this sensor."""
+    try:
+        with open_regular(path) as file:
+            about = RecordingReader(file, warn=False).metadata
+    except (OSError, SourceError):
+        return False
+    return (about.get("vehicle"), about.get("sensor")) == (vehicle, sensor)
+
+
+def _never(path: Path) -> bool:
+    return False
 
 
 def _created(path: Path) -> IO[bytes]:

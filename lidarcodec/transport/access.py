@@ -1,8 +1,8 @@
 """Permissions on the keys of a stream, as rules for Zenoh's access control.
 
 A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
-reports under its own name only. An operator is a viewer who may also change settings, and play recordings as vehicles
-named `playback-...`. What is not allowed is denied.
+reports under its own name only. An operator is a viewer who may also change settings, fetch and mark what a vehicle
+kept, and play recordings as vehicles named `playback-...`. What is not allowed is denied.
 
 Two properties of that access control determine these rules. It works on links, so the side that accepts connections
 has the rules: routers, and vehicles that listen themselves. Clients of such vehicles have rules too (`vehicles_only`),
@@ -92,7 +92,7 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.subject("viewers", list(people.viewers))
     made.subject("operators", list(people.operators))
     made.allow(["viewers", "operators"], *_looking())
-    made.allow(["operators"], *_asking(["control/set", "control/reset"]))
+    made.allow(["operators"], *_asking(["control/set", "control/reset", "past", "past/mark"]))
     made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
@@ -123,7 +123,7 @@ def _under(prefix: str, *ends: str) -> list[str]:
 
 def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """What a vehicle may do under its own keys."""
-    controls = _under(own, "control/get", "control/set", "control/reset", "control/keyframe")
+    controls = _under(own, "control/get", "control/set", "control/reset", "control/keyframe", "past", "past/mark")
     reports = _under(own, "arrived/*", "report/*", "odometry")
     return (
         (PUTTING, ["ingress"], _under(own, "frame", "status", "odometry")),

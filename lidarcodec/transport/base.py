@@ -93,8 +93,8 @@ class Transport(Closeable, Protocol):
     def answer(self, key: str, handler: QueryHandler) -> Closeable:
         """Answer queries on one key."""
 
-    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
-        """The first answer to a query; None if there is none in time."""
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
+        """The first answer to a query; None if there is none in time. beside: both go after everything else"""
 
     def token(self, key: str) -> Closeable:
         """Show that this process is alive, until closed, killed or cut off."""

@@ -85,6 +85,16 @@ class StreamKeys:
         return f"{self.prefix}/status"
 
     @property
+    def past(self) -> str:
+        """Query: what the vehicle kept, and parts of it."""
+        return f"{self.prefix}/past"
+
+    @property
+    def past_mark(self) -> str:
+        """Query: keep a part of the past from being overwritten."""
+        return f"{self.prefix}/past/mark"
+
+    @property
     def alive(self) -> str:
         """Liveliness token of the publisher."""
         return f"{self.prefix}/alive"

@@ -256,8 +256,8 @@ class MemoryTransport:
         self.network.add(queryable)
         return queryable
 
-    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
-        """The first answer; None if none comes in time."""
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
+        """The first answer; None if none comes in time. There is no slow link, so `beside` has no effect."""
         self._checked(key)
         answers: list[bytes] = []
         done = threading.Condition()

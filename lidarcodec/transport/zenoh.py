@@ -290,15 +290,15 @@ class ZenohTransport:
 
         return self._keep(key, self._declare(key, "declare_queryable", asked, allowed_origin=zenoh.Locality.REMOTE))
 
-    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
-        """The first answer; None when there is none in time."""
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
+        """The first answer; None when there is none in time. An answer has the priority of its question."""
         check_key(key)
         with _telling(f"cannot ask {key}"):
             replies = self._session.get(
                 key,
                 payload=data,
                 timeout=timeout_s,
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                priority=zenoh.Priority.BACKGROUND if beside else zenoh.Priority.INTERACTIVE_HIGH,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
             for reply in replies:

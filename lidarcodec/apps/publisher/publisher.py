@@ -20,6 +20,9 @@ from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.past.answers import LISTS_AT_ONCE, LISTS_PER_S, Answers
+from lidarcodec.apps.past.keeper import Keep, Keeper
+from lidarcodec.apps.publisher.allowance import Allowance
 from lidarcodec.apps.publisher.changes import Changes
 from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.desk import Desk
@@ -72,6 +75,7 @@ class Publisher:
     poses:     poses of the sensor, sent with each frame
     original:  also send uncompressed frames while a local viewer compares
     record:    records all packets or frames, whether sent or not: a `Record`, or a folder for raw packets
+    keep:      keeps the last hours exactly; receivers can fetch parts of them
     isolate:   which encoders run in their own process: `always`, `never`, or `auto` (those with native code that may
                crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
     clock:     the clocks of this machine
@@ -89,6 +93,7 @@ class Publisher:
         endpoints: Endpoints | None = None,
         transport: Transport | OpenTransport | None = None,
         record: Record | str | Path | None = None,
+        keep: Keep | None = None,
         poses: Poses | None = None,
         original: bool = False,
         isolate: Isolate | None = None,
@@ -110,8 +115,10 @@ class Publisher:
         self._interrupted = self._begun = False
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
-        keep = None if kept is None or self._recorder is None else (self._recorder, kept.form)
-        self._feed = FrameFeed(source, asked.framing, 10.0 if rate is None else rate, keep, poses, clock, loop=loop)
+        recorded = None if kept is None or self._recorder is None else (self._recorder, kept.form)
+        self._keeper = None if keep is None else Keeper(keep, self.keys)
+        speed = 10.0 if rate is None else rate
+        self._feed = FrameFeed(source, asked.framing, speed, recorded, poses, clock, self._keeper, loop=loop)
         limit_s = PATIENT_S if self._every else LIMIT_S
         self._flight = Flight(asked.follow, limit_s=limit_s, slow_server=not self._network.one_machine)
         self._originals: Originals | None = None
@@ -163,6 +170,8 @@ class Publisher:
         self._begun = True
         if self._recorder is not None:
             self._recorder.start()
+        if self._keeper is not None:
+            self._keeper.start()
         self._coding.start()
         for thread in self._threads:
             thread.start()
@@ -203,7 +212,7 @@ class Publisher:
         self._stop.set()
         self._end()
         self._feed.mailbox.close()
-        if self._recorder is not None:
+        if self._recorder is not None or self._keeper is not None:
             self._feed.finish()
             ended(self._threads[:1], LAST_READ_S)
         self._feed.close()
@@ -217,6 +226,8 @@ class Publisher:
             thread.join(JOIN_S)
         if self._recorder is not None:
             self._recorder.close()
+        if self._keeper is not None:
+            self._keeper.close()
         self._network.close()
 
     def __enter__(self) -> Self:
@@ -234,6 +245,7 @@ class Publisher:
             "errors": dict(self._once.counts),
             "preparing": self._changes.preparing,
             "recording": None if self._recorder is None else self._recorder.state(),
+            "past": None if self._keeper is None else self._keeper.state(),
             "certificate": self._network.certificate(),
             "gate": self._network.gate(),
             "matching": self._sending.matching,
@@ -300,6 +312,10 @@ class Publisher:
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
         self._declared += self._desk.declare(transport)
+        if self._keeper is not None:
+            take = Allowance(LISTS_PER_S, LISTS_AT_ONCE).take
+            answers = Answers(self._keeper.kept, keys, lambda: self._flight.busy, take, self._once)
+            self._declared += answers.declare(transport)
         priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
         sender = transport.sender(keys.frame, priority, self._matched)
         self._sending.matching = sender.matching

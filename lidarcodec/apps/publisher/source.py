@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.past.keeper import Keeper
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
 from lidarcodec.assembly import Assembler
 from lidarcodec.errors import PacketError
@@ -35,6 +36,7 @@ class FrameFeed:
     rate: frames of 348 packets a second for a source that is not live, or `max`: as fast as frames are taken
     loop: whether such a source begins again at its end
     keep: recorder of all packets or frames, and which of both it records
+    keeper: keeps all frames
     packets, frames: number read so far
     """
 
@@ -46,9 +48,11 @@ class FrameFeed:
         keep: tuple[BackgroundRecorder, RecordAs] | None = None,
         poses: Poses | None = None,
         clock: Clock = SYSTEM,
+        keeper: Keeper | None = None,
         *,
         loop: bool = False,
     ) -> None:
+        self._keeper = keeper
         self.source, self._poses = source, poses
         self._paced: Source = source
         self._replay: PacedSource | None = None
@@ -159,6 +163,8 @@ class FrameFeed:
                 self._renew()
         if self._recorder is not None and self._record_as == "lossless":
             self._recorder.frame(frame)
+        if self._keeper is not None:
+            self._keeper.frame(frame)
         if not wait:
             self.mailbox.put(frame)
         else:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
 from lidarcodec.apps.health import SensorState, health_file_or_nothing
+from lidarcodec.apps.past.keeper import Keep, bytes_of
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
@@ -39,6 +41,12 @@ def rate_of(text: str | None) -> Rate | None:
     if not 0.01 <= rate <= 1000.0:
         raise SettingsError(f"--rate {text}: write frames a second, from 0.01 to 1000, or max", "rate")
     return rate
+
+
+def past_folder() -> Path:
+    """Default folder of what is kept: `lidarcodec/past` in the user's state folder."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "lidarcodec" / "past"
 
 
 def record_limits(gigabytes: float) -> dict[str, int]:
@@ -81,6 +89,8 @@ def run(
     record: Path | None,
     record_as: str,
     record_gb: float,
+    keep: str | None,
+    keep_dir: Path | None,
     calibration: Path | None,
     poses: Path | None,
     health_file: Path | None,
@@ -112,6 +122,7 @@ def run(
             rate=frames_a_second,
             loop=loop,
             endpoints=endpoints,
+            keep=None if keep is None else Keep(keep_dir or past_folder(), bytes_of(keep)),
             record=None if record is None else Record(record, cast(RecordAs, record_as), record_limits(record_gb)),
             poses=source.poses if poses else None,
             original=original,

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from lidarcodec.apps.health import health_file_or_nothing
+from lidarcodec.apps.past.keeper import Keep, bytes_of
 from lidarcodec.apps.publisher.publisher import Rate
 from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
@@ -49,6 +50,22 @@ class RecordConfig(_Strict):
     gb: float = Field(default=8.0, gt=0.0, le=1e6)
 
 
+class KeepConfig(_Strict):
+    """What the vehicle keeps exactly. size: for example `64GB`"""
+
+    folder: Path
+    size: str
+
+    @field_validator("size")
+    @classmethod
+    def _size(cls, value: str) -> str:
+        try:
+            bytes_of(value)
+        except SettingsError as error:
+            raise ValueError(str(error)) from None
+        return value
+
+
 class SensorConfig(_Strict):
     """One sensor. settings: fields of StreamSettings, otherwise settings of the codec, as in `--set`
 
@@ -64,6 +81,7 @@ class SensorConfig(_Strict):
     settings: dict[str, Any] = {}
     rate: float | Literal["max"] | None = None
     record: RecordConfig | None = None
+    keep: KeepConfig | None = None
     original: bool = False
 
     @field_validator("rate")
@@ -107,7 +125,7 @@ class SensorConfig(_Strict):
     def plan(self) -> SensorPlan:
         """The plan of this sensor for a Vehicle."""
         rate: Rate | None = self.rate
-        keep = self.record
+        record, keep = self.record, self.keep
         return SensorPlan(
             self.name,
             partial(open_source, self.source, calibration=self.calibration, poses=self.poses),
@@ -115,7 +133,8 @@ class SensorConfig(_Strict):
             live=parse_source(self.source).scheme in LIVE,
             rate=rate,
             with_poses=self.poses is not None,
-            record=None if keep is None else Record(keep.folder, keep.form, record_limits(keep.gb)),
+            record=None if record is None else Record(record.folder, record.form, record_limits(record.gb)),
+            keep=None if keep is None else Keep(keep.folder, bytes_of(keep.size)),
             original=self.original,
         )
 

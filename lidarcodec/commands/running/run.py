@@ -25,7 +25,7 @@ from lidarcodec.files.whole import drop_all
 
 _BY_TYPER = 130
 """typer's exit code for a KeyboardInterrupt."""
-_GO_ON = ("annotate", "train")
+_GO_ON = ("annotate", "train", "fetch")
 """Commands that save their work while they run."""
 _USAGE = (SettingsError, UnknownNameError, MissingExtraError)
 """Usage errors: the user must change the command, or install an extra."""

@@ -87,6 +87,18 @@ def publish(
             help="Size limit of DIR in GB (default: 8). The oldest files are removed first.",
         ),
     ] = None,
+    keep: Annotated[
+        str | None,
+        Option(
+            "--keep",
+            metavar="SIZE",
+            help="Keep the last hours exactly, for example 64GB of them. `lidarcodec fetch` gets parts.",
+        ),
+    ] = None,
+    keep_dir: Annotated[
+        Path | None,
+        Option("--keep-dir", metavar="DIR", help="Folder for --keep. Default: in the user's state folder."),
+    ] = None,
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: Annotated[
@@ -138,6 +150,7 @@ def publish(
                 "SOURCE": source, "--sensor": sensor, "--link": link, "--codec": codec, "--set": pairs,
                 "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
                 "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
+                "--keep": keep, "--keep-dir": keep_dir,
                 "--calibration": calibration, "--model": model, "--poses": poses, "--original": original,
                 "--loop": loop,
             }
@@ -149,11 +162,13 @@ def publish(
         raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
     if record is None and (record_as is not None or record_gb is not None):
         raise SettingsError("--record-as and --record-gb need --record DIR", "record")
+    if keep is None and keep_dir is not None:
+        raise SettingsError("--keep-dir needs --keep SIZE", "keep")
     command.run(
         of_model(source, model), vehicle, sensor or "lidar", codec,
         reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
-        record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
+        record, record_as or "packets", 8.0 if record_gb is None else record_gb, keep, keep_dir, calibration, poses,
         health_file, original, weights_dir, link, loop, as_json,
     )  # fmt: skip
 

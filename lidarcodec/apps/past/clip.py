@@ -1,0 +1,31 @@
+"""Writes a fetched clip as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lidarcodec.apps.past.keeper import EXACT
+from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.plan import Plan
+from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.recording import RecordingWriter
+from lidarcodec.recording.pieces import messages_in
+
+
+def write_clip(plan: Plan, store: PieceStore, path: Path) -> int:
+    """Write the pieces of a plan to a recording at `path`. Returns its bytes.
+
+    It begins with the first piece that reaches into the clip, so up to a second earlier, and ends as much later.
+    Raises SourceError if a piece is missing or damaged, OSError.
+    """
+    clip = plan.clip
+    about = {"past": f"{clip.from_ns} to {clip.to_ns}", "gaps": str(len(plan.gaps()))}
+    with path.open("wb") as file:
+        with RecordingWriter(file, clip.keys.vehicle, clip.keys.sensor, EXACT, about) as writer:
+            for piece in plan.there:
+                try:
+                    for message in messages_in(store.read(piece.name)):
+                        writer.write(message)
+                except DecodeError as error:
+                    raise SourceError(f"the vehicle kept something else than messages: {error}") from None
+        return file.tell()

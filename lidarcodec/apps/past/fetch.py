@@ -1,0 +1,229 @@
+"""Fetch: gets a clip of what a vehicle kept, over a network that may be slow and may fail at any time.
+
+First it asks which pieces the clip has, then it asks for one small part of a piece after the other. The vehicle sends
+each between two live messages. Parts become larger as long as they take less than PART_S beyond the shortest round
+trip, so they never hold a live message up for long. Every piece is checked by its SHA-256.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from lidarcodec.apps.past.answers import HEAD, MAX_PART, PART
+from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.plan import Clip, Plan
+from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.recording.pieces import Piece
+from lidarcodec.transport import Transport
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+
+logger = logging.getLogger(__name__)
+
+MIN_PART: Final = 4096
+PART_S: Final = 0.008
+"""Time that a part may take on the link: a live message waits at most so long for it."""
+ANSWER_S: Final = 4.0
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 5.0
+FRESH_S: Final = 5.0
+"""How long the newest pieces are waited for, after the vehicle has told of no new ones."""
+MAX_LIST_BYTES: Final = 1 << 20
+MAX_WRONG: Final = 3
+"""Most times that a piece may come with the wrong bytes."""
+
+
+class CancelledError(LidarCodecError):
+    """The fetch was cancelled; what was fetched is still there."""
+
+
+class Fetch:
+    """Fetches one clip into a store. `run` blocks; call it from a thread. Its state can be read from others.
+
+    plan_file:  where the plan is stored, to go on after a restart
+    transport:  gives the network session, or raises TransportError while there is none
+    patience_s: longest time without any progress
+    """
+
+    def __init__(
+        self, clip: Clip, store: PieceStore, plan_file: Path, transport: Callable[[], Transport], patience_s: float
+    ) -> None:
+        self.clip, self._store, self._plan_file = clip, store, plan_file
+        self._transport, self._patience_s = transport, patience_s
+        self.plan = Plan.read(plan_file, clip)
+        self._stop = threading.Event()
+        self._moved_s = time.monotonic()
+        self._part_bytes, self._round_s = MIN_PART, float("inf")
+        self.received = 0
+        self.waiting: str | None = None
+        self._now: tuple[str, int] | None = None
+
+    def cancel(self) -> None:
+        """Make `run` end soon."""
+        self._stop.set()
+
+    def state(self) -> dict[str, Any]:
+        """Progress: pieces and bytes, what was received over the network, and what it waits for."""
+        there = self.plan.there
+        done = [piece for piece in there if self._store.has(piece.name, piece.size)]
+        begun = self._now
+        return {
+            "listed": self.plan.listed,
+            "pieces": len(there),
+            "pieces_done": len(done),
+            "bytes": sum(piece.size for piece in there),
+            "bytes_done": sum(piece.size for piece in done) + (0 if begun is None else begun[1]),
+            "bytes_received": self.received,
+            "frames": sum(piece.frames for piece in there),
+            "gaps": [list(gap) for gap in self.plan.gaps()] if self.plan.listed else [],
+            "waiting": self.waiting,
+        }
+
+    def run(self) -> Plan:
+        """Fetch everything. Returns the plan; all of its pieces that are not gone are in the store.
+
+        Raises SourceError if the vehicle kept nothing of the clip, or does not answer for `patience_s`, CancelledError.
+        """
+        self._moved_s = time.monotonic()
+        while not self.plan.listed:
+            self._list()
+        for piece in self.plan.there:
+            self._piece(piece)
+        if not self.plan.there:
+            raise SourceError("the vehicle keeps nothing of this clip any more")
+        return self.plan
+
+    # --- the list ---------------------------------------------------------------------------------------------------
+
+    def _list(self) -> None:
+        """Ask for all pieces, and wait for those that are being recorded."""
+        clip, at_ns, fresh_s = self.clip, self.clip.from_ns, time.monotonic()
+        until_before = -1
+        while True:
+            told = self._ask_object({"ask": "pieces", "from": at_ns, "to": clip.to_ns})
+            pieces, until_ns = told.get("pieces"), told.get("until_ns")
+            if not isinstance(pieces, list):
+                raise SourceError("the vehicle's list of pieces makes no sense")
+            if self.plan.add(pieces):
+                self.plan.store(self._plan_file)
+            if told.get("more") is True and pieces:
+                last = self.plan.pieces[-1] if self.plan.pieces else None
+                at_ns = max(at_ns + 1, last.begin_ns + 1 if last is not None else 0)
+                self._check_going()
+                continue
+            until = until_ns if isinstance(until_ns, int) and not isinstance(until_ns, bool) else -1
+            if until > until_before:
+                until_before, fresh_s = until, time.monotonic()
+            if until >= clip.to_ns or time.monotonic() - fresh_s > FRESH_S:
+                break
+            self.waiting = "for the vehicle to record the rest"
+            self._pause(1.0)
+        self.waiting = None
+        if not self.plan.pieces:
+            raise SourceError("the vehicle kept nothing of this clip")
+        self.plan.listed = True
+        self.plan.store(self._plan_file)
+
+    # --- pieces -----------------------------------------------------------------------------------------------------
+
+    def _piece(self, piece: Piece) -> None:
+        for _ in range(MAX_WRONG):
+            if self._store.has(piece.name, piece.size):
+                self._now = None
+                return
+            offset = min(self._store.got(piece.name), piece.size)
+            while offset < piece.size:
+                self._now = piece.name, offset
+                data = self._part(piece, offset)
+                if data is None:
+                    self.plan.gone.add(piece.name)
+                    self.plan.store(self._plan_file)
+                    self._now = None
+                    return
+                self._store.add(piece.name, offset, data)
+                offset += len(data)
+            self._now = None
+            if self._store.finish(piece.name):
+                return
+            logger.warning("a piece came with wrong bytes, and is fetched again")
+        raise SourceError(f"a piece came with wrong bytes {MAX_WRONG} times")
+
+    def _part(self, piece: Piece, offset: int) -> bytes | None:
+        """The next bytes of a piece; None if the vehicle does not keep it any more."""
+        size = min(self._part_bytes, piece.size - offset)
+        question = {"ask": "part", "piece": piece.name, "at_ns": piece.begin_ns, "offset": offset, "bytes": size}
+        answer, took_s = self._ask(question)
+        if not answer or answer[0] != PART:
+            told = _object(answer)
+            if told.get("field") == "piece":
+                return None
+            raise SourceError(f"the vehicle refuses: {told.get('error', 'no reason')}")
+        if not HEAD.size < len(answer) <= HEAD.size + size:
+            raise SourceError("the vehicle's answer makes no sense")
+        waited_s = HEAD.unpack_from(answer)[1] / 1e6
+        self._adapt(max(0.0, took_s - waited_s), size)
+        self.received += len(answer)
+        return answer[HEAD.size :]
+
+    def _adapt(self, took_s: float, size: int) -> None:
+        """Choose the size of the next part from the time that this one took."""
+        self._round_s = min(self._round_s * 1.01, took_s)
+        if took_s - self._round_s > PART_S:
+            self._part_bytes = max(MIN_PART, int(self._part_bytes / 1.5))
+        elif size == self._part_bytes:
+            self._part_bytes = min(MAX_PART, int(self._part_bytes * 1.1) + 1)
+
+    # --- questions --------------------------------------------------------------------------------------------------
+
+    def _ask_object(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Raises SourceError for a refusal."""
+        while True:
+            told = _object(self._ask(question)[0])
+            if "error" not in told:
+                return told
+            if not isinstance(told.get("retry_s"), int | float):
+                raise SourceError(f"the vehicle refuses: {told['error']}")
+            self._pause(min(max(float(told["retry_s"]), 0.05), LONGEST_WAIT_S))
+
+    def _ask(self, question: dict[str, Any]) -> tuple[bytes, float]:
+        """The answer, and how long it took in s. Waits until there is one."""
+        data, wait_s = json.dumps(question).encode(), FIRST_WAIT_S
+        while True:
+            self._check_going()
+            begin = time.monotonic()
+            try:
+                answer = self._transport().ask(self.clip.keys.past, data, ANSWER_S, beside=True)
+            except TransportError:
+                answer = None
+            if answer is not None:
+                self._moved_s, self.waiting = time.monotonic(), None
+                return answer, time.monotonic() - begin
+            self.waiting = "for the vehicle to answer"
+            self._part_bytes, self._round_s = MIN_PART, float("inf")
+            self._pause(wait_s)
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+    def _pause(self, seconds: float) -> None:
+        self._stop.wait(seconds)
+        self._check_going()
+
+    def _check_going(self) -> None:
+        """Raises CancelledError, and SourceError if nothing came for too long."""
+        if self._stop.is_set():
+            raise CancelledError("the fetch was cancelled")
+        if time.monotonic() - self._moved_s > self._patience_s:
+            raise SourceError(
+                f"{self.clip.keys.vehicle}/{self.clip.keys.sensor} did not answer for {self._patience_s:g} s: "
+                "is it connected, and does it publish with --keep?"
+            )
+
+
+def _object(answer: bytes) -> dict[str, Any]:
+    try:
+        return read_object(answer, MAX_LIST_BYTES)
+    except JsonRefusedError as error:
+        raise SourceError(f"the vehicle's answer cannot be read: {error}") from None

@@ -1,0 +1,192 @@
+"""Keeper: keeps the last hours of a sensor exactly, in a ring of files, in its own thread.
+
+Frames are coded without loss, so that their packets come back byte for byte. A frame never waits for the keeper: if the
+disk or the processor is too slow, the oldest waiting frames are dropped and counted. What was written is passed to the
+operating system at once, so a kill loses at most the frame that is being written; twice a second it is forced onto the
+disk, so a power failure loses at most the last second.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+import time
+from collections import Counter, deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.past.kept import Kept
+from lidarcodec.errors import LidarCodecError, SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.recording import RotatingRecorder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import pack
+
+logger = logging.getLogger(__name__)
+
+EXACT: Final = StreamSettings(codec="pcodec", max_error_m=0.0)
+MIN_BYTES, MAX_BYTES = 8 * 2**20, 10**15
+MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 32 * 2**20
+WAITING: Final = 20
+"""Most frames that wait for the disk: two seconds, 9 MB."""
+KEY_S: Final = 1.0
+"""Interval of key messages. A piece of this length is the smallest part that can be fetched."""
+SYNC_S: Final = 0.5
+LOOK_S: Final = 5.0
+"""Interval at which the totals for the status are counted."""
+AGAIN_S: Final = 30.0
+"""After an error of the disk, interval of attempts to keep again."""
+CLOSE_LIMIT_S: Final = 10.0
+_SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([kMGT]?)(i?)B", re.IGNORECASE)
+
+
+def bytes_of(text: str) -> int:
+    """A size such as `64GB`, `500MB` or `2GiB` in bytes.
+
+    Raises SettingsError.
+
+    >>> bytes_of("64GB"), bytes_of("16 MiB")
+    (64000000000, 16777216)
+    """
+    found = _SIZE.fullmatch(text.strip())
+    size = 0.0
+    if found is not None:
+        number, letter, binary = found.groups()
+        size = float(number) * (1024 if binary else 1000) ** " kmgt".index(letter.lower() or " ")
+    if not MIN_BYTES <= size <= MAX_BYTES:
+        raise SettingsError(f"'{text}' is no size to keep: write for example 64GB, from 8MiB to 1000TB", "keep")
+    return int(size)
+
+
+@dataclass(frozen=True)
+class Keep:
+    """How much of a sensor is kept, and where. max_bytes: size of its files, marked ones among them"""
+
+    folder: Path
+    max_bytes: int
+
+
+class Keeper:
+    """Keeps offered frames. `kept` answers questions about them. Thread-safe.
+
+    counts: `dropped` (disk or processor too slow), `errors`, `unwritten` (frames that still waited at `close`), and the
+            counts of the RotatingRecorder, among them `deleted for a full disk`
+    """
+
+    def __init__(self, keep: Keep, keys: StreamKeys) -> None:
+        """Raises SettingsError for a size that is too small."""
+        if keep.max_bytes < MIN_BYTES:
+            raise SettingsError(f"keep at least {MIN_BYTES} bytes, not {keep.max_bytes}", "keep")
+        self.keep, self.keys = keep, keys
+        self.kept = Kept(keep.folder, keys, keep.max_bytes)
+        self._files = self._recorder()
+        self._queue: deque[Frame] = deque()
+        self._condition = threading.Condition()
+        self._closed = False
+        self._once = Once(logger)
+        self._earlier: Counter[str] = Counter()
+        self._encoder: StreamEncoder | None = None
+        self._key_ns: int | None = None
+        self._synced_s = self._looked_s = float("-inf")
+        self._thread = threading.Thread(target=self._run, name="lidarcodec keeper", daemon=True)
+
+    def start(self) -> None:
+        """Begin to keep."""
+        self._thread.start()
+
+    def frame(self, frame: Frame) -> None:
+        """Keep a frame. Never waits."""
+        with self._condition:
+            if self._closed:
+                return
+            if len(self._queue) >= WAITING:
+                self._queue.popleft()
+                self._once.counts["dropped"] += 1
+            self._queue.append(frame)
+            self._condition.notify()
+
+    def state(self) -> dict[str, Any]:
+        """For the status: what is kept (docs/live.md lists the fields)."""
+        counts = self._earlier + self._files.counts + self._once.counts
+        return {"max_bytes": self.keep.max_bytes, "stopped": self._files.stopped, "counts": dict(counts)} | (
+            self.kept.totals
+        )
+
+    def close(self) -> None:
+        """Write waiting frames for at most CLOSE_LIMIT_S, and end the file. A second call does nothing."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_LIMIT_S)
+        if self._thread.is_alive():
+            with self._condition:
+                self._once.counts["unwritten"] = len(self._queue) + 1
+            logger.error("keeping: the remaining frames could not be written within %g s", CLOSE_LIMIT_S)
+
+    def _recorder(self) -> RotatingRecorder:
+        size = max(MIN_FILE_BYTES, min(MAX_FILE_BYTES, self.keep.max_bytes // 64))
+        files = RotatingRecorder(
+            self.keep.folder,
+            self.keys.vehicle,
+            self.keys.sensor,
+            EXACT,
+            max_file_bytes=size,
+            max_total_bytes=self.keep.max_bytes,
+        )
+        files.thins, files.stays = True, self.kept.stays
+        return files
+
+    def _run(self) -> None:
+        stopped_s: float | None = None
+        try:
+            while True:
+                with self._condition:
+                    self._condition.wait_for(lambda: bool(self._queue) or self._closed, SYNC_S)
+                    frame = self._queue.popleft() if self._queue else None
+                    if frame is None and self._closed:
+                        return
+                now = time.monotonic()
+                if self._files.stopped is None:
+                    stopped_s = None
+                elif stopped_s is None:
+                    stopped_s = now
+                elif now - stopped_s >= AGAIN_S:
+                    stopped_s = None
+                    self._earlier.update(self._files.counts)
+                    self._files = self._recorder()
+                try:
+                    if frame is not None:
+                        self._write(frame)
+                    self._look_after(now)
+                except LidarCodecError as error:
+                    self._once.add("errors", error)
+                except Exception as error:  # an error in this program loses only this frame
+                    logger.exception("unexpected error while keeping")
+                    self._once.add("errors", error)
+        finally:
+            self.kept.growing = None
+            self._files.close()
+
+    def _write(self, frame: Frame) -> None:
+        if self._encoder is None:
+            self._encoder = StreamEncoder(EXACT)
+        due = self._key_ns is None or not 0 <= frame.stamp_ns - self._key_ns < KEY_S * 1e9
+        for message in self._encoder.encode(frame, key=due or self._files.waits_for_key):
+            if message.key:
+                self._key_ns = message.stamp_ns
+            self._files.write(pack(message))
+            self.kept.growing = self._files.path
+
+    def _look_after(self, now: float) -> None:
+        if now - self._synced_s >= SYNC_S:
+            self._synced_s = now
+            self._files.sync()
+        if now - self._looked_s >= LOOK_S:
+            self._looked_s = now
+            self.kept.look()

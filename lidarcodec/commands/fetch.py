@@ -1,0 +1,115 @@
+"""`lidarcodec fetch`: gets a clip of what a vehicle kept."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.apps.past.clip import write_clip
+from lidarcodec.apps.past.fetch import CancelledError, Fetch
+from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.plan import Clip
+from lidarcodec.apps.past.times import check_quality, span_of
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.running.stopping import StoppedError, stoppable
+from lidarcodec.errors import SettingsError, told
+from lidarcodec.files.whole import beside, check_free, whole
+from lidarcodec.transport import open_transport
+from lidarcodec.transport.keys import StreamKeys
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.5
+PLAN = "plan.json"
+
+
+def run(
+    key: str,
+    span: tuple[str, str],
+    out: Path,
+    quality: str,
+    patience_s: float,
+    given: Given,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Fetch the clip and write it. What was fetched stays in a folder beside the output until that is written.
+
+    Raises SettingsError, SourceError if there is nothing to fetch, TransportError, StoppedError after a signal.
+    """
+    check_quality(quality)
+    clip = Clip(StreamKeys.parse(key), *span_of(*span, now_ns=time.time_ns()))
+    if out.suffix.lower() != ".mcap":
+        raise SettingsError(f"{out}: a clip is a recording: give a name that ends in .mcap", "out")
+    check_free(out, force=force)
+    endpoints = endpoints_of(given)
+    store = PieceStore(beside(out, ".fetching", folder=True))
+    stop = threading.Event()
+    with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
+        fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
+        _run(fetch, stop)
+    plan = fetch.plan
+    with whole(out, force=force) as output:
+        size = write_clip(plan, store, output.beside)
+    state = fetch.state()
+    store.forget(piece.name for piece in plan.pieces)
+    (store.folder / _plan_name(clip)).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # other clips of this output
+        store.folder.rmdir()
+    for begin_ns, end_ns in plan.gaps():
+        log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
+    about = {"out": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
+    print(json.dumps(about, indent=2) if as_json else _line(about))
+
+
+def _run(fetch: Fetch, stop: threading.Event) -> None:
+    """Run the fetch in a thread, so that a signal ends it at once. Raises what it raises."""
+    failed: list[Exception] = []
+
+    def work() -> None:
+        try:
+            fetch.run()
+        except BaseException as error:  # a panic of native code is not an Exception
+            failed.append(told(error))
+
+    thread = threading.Thread(target=work, name="lidarcodec fetch", daemon=True)
+    thread.start()
+    show = sys.stderr.isatty()
+    while thread.is_alive():
+        thread.join(TICK_S)
+        if stop.is_set():
+            fetch.cancel()
+        if show:
+            sys.stderr.write(f"\r{_progress(fetch.state())}\x1b[K")
+    if show:
+        sys.stderr.write("\r\x1b[K")
+    if failed and isinstance(failed[0], CancelledError):
+        raise StoppedError
+    if failed:
+        raise failed[0]
+
+
+def _plan_name(clip: Clip) -> str:
+    return f"{clip.keys.vehicle}_{clip.keys.sensor}_{clip.from_ns}_{clip.to_ns}.{PLAN}"
+
+
+def _progress(state: dict[str, Any]) -> str:
+    if state["waiting"]:
+        return f"waits {state['waiting']}"
+    if not state["listed"]:
+        return "asks what is there"
+    return f"{state['bytes_done'] / 1e6:.1f} of {state['bytes'] / 1e6:.1f} MB"
+
+
+def _line(about: dict[str, Any]) -> str:
+    return (
+        f"{about['out']}: {about['frames']} frames in {about['bytes']:,} bytes, {about['bytes_received']:,} bytes "
+        f"received, {len(about['gaps'])} gaps"
+    )

@@ -1,0 +1,234 @@
+"""A clip is fetched exactly, whatever is cut in between, and nothing that a vehicle says is trusted."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarcodec import open_source
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.past import answers, fetch
+from lidarcodec.apps.past.answers import HEAD, PART, Answers
+from lidarcodec.apps.past.clip import write_clip
+from lidarcodec.apps.past.fetch import CancelledError, Fetch
+from lidarcodec.apps.past.kept import Kept
+from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.plan import Clip
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.transport.base import Closeable
+from lidarcodec.transport.memory import MemoryNetwork, MemoryTransport
+from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, kept, packets, ring
+
+CLIP = Clip(KEYS, at(5), at(25))
+
+
+class Vehicle:
+    """Answers about a folder. It may be taken off the network, and it counts the questions that it was asked."""
+
+    def __init__(self, network: MemoryNetwork, folder: Path) -> None:
+        self.kept = Kept(folder, KEYS, SMALL)
+        self._transport = network.transport()
+        self._declared: list[Closeable] = []
+        self.asked: Counter[str] = Counter()
+        self.after: Callable[[Counter[str]], None] = lambda asked: None
+        self.spoils: Callable[[bytes], bytes] = lambda answer: answer
+        self.come()
+
+    def come(self) -> None:
+        told = Answers(self.kept, KEYS, lambda: False, lambda: 0.0, Once(answers.logger))
+
+        def answer(data: bytes) -> bytes:
+            self.asked[json.loads(data)["ask"]] += 1
+            given = told._answer(data)
+            self.after(self.asked)
+            return self.spoils(given)
+
+        self._declared = [self._transport.answer(KEYS.past, answer)]
+
+    def go(self) -> None:
+        for one in self._declared:
+            one.close()
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which 30 frames were kept."""
+    folder = tmp_path_factory.mktemp("drive")
+    kept(folder, 30)
+    return folder
+
+
+@pytest.fixture
+def network() -> MemoryNetwork:
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def vehicle(network: MemoryNetwork, drive: Path) -> Vehicle:
+    return Vehicle(network, drive)
+
+
+@pytest.fixture
+def near(network: MemoryNetwork) -> Iterator[MemoryTransport]:
+    with network.transport() as transport:
+        yield transport
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fetch, "ANSWER_S", 0.3)
+    monkeypatch.setattr(fetch, "FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr(fetch, "FRESH_S", 0.05)
+    monkeypatch.setattr(fetch, "MIN_PART", 50_000)
+
+
+def fetching(folder: Path, near: MemoryTransport, clip: Clip = CLIP, patience_s: float = 20.0) -> Fetch:
+    return Fetch(clip, PieceStore(folder), folder / "plan.json", lambda: near, patience_s)
+
+
+def check_exact(done: Fetch, folder: Path) -> None:
+    """The clip has the packets of the drive, from its piece before the begin to its piece behind the end."""
+    clip = folder / "clip.mcap"
+    write_clip(done.plan, PieceStore(folder), clip)
+    with open_source(str(clip)) as source:
+        found = list(source.packets())
+    want = [packet for packet in packets(30) if found[0].stamp_ns <= packet.stamp_ns <= found[-1].stamp_ns]
+    assert [packet.payload for packet in found] == [packet.payload for packet in want]
+    assert found[0].stamp_ns <= done.clip.from_ns
+    assert found[-1].stamp_ns + FRAME_NS >= done.clip.to_ns
+
+
+def test_a_clip_is_fetched_exactly(tmp_path: Path, vehicle: Vehicle, near: MemoryTransport) -> None:
+    done = fetching(tmp_path, near)
+    done.run()
+    check_exact(done, tmp_path)
+    state = done.state()
+    assert (state["pieces"], state["bytes"], state["gaps"]) == (state["pieces_done"], state["bytes_done"], [])
+    assert state["bytes_received"] <= 1.01 * state["bytes"]
+
+
+def test_after_any_cut_it_goes_on_and_nothing_is_fetched_twice(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    """The receiver is stopped again and again; the vehicle goes away and comes back."""
+    received, cuts = 0, 0
+    while True:
+        one = fetching(tmp_path, near)
+        limit = vehicle.asked.total() + 4
+
+        def cut(asked: Counter[str], one: Fetch = one, limit: int = limit) -> None:
+            if asked.total() == limit:
+                one.cancel()
+                vehicle.go()
+                threading.Timer(0.1, vehicle.come).start()
+
+        vehicle.after = cut
+        try:
+            one.run()
+            break
+        except CancelledError:
+            cuts += 1
+        finally:
+            received += one.received
+    assert cuts > 3
+    check_exact(one, tmp_path)
+    assert received <= 1.01 * one.state()["bytes"] + 50_000 * cuts
+
+
+def test_what_another_clip_brought_is_not_fetched_again(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    fetching(tmp_path, near, Clip(KEYS, at(12), at(15))).run()
+    longer = Fetch(CLIP, PieceStore(tmp_path), tmp_path / "other.json", lambda: near, 20.0)
+    longer.run()
+    assert 0 < longer.received < 0.7 * longer.state()["bytes"]
+    check_exact(longer, tmp_path)
+
+
+def test_wrong_bytes_on_disk_and_from_the_network_are_found_by_their_hash(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    first = fetching(tmp_path, near)
+    first._list()
+    piece = first.plan.pieces[0]
+    first._store.add(piece.name, 0, bytes(60_000))  # as after a power failure
+    first.run()
+    check_exact(first, tmp_path)
+    vehicle.spoils = lambda answer: answer[:-1] + bytes([answer[-1] ^ 1]) if answer[0] == PART else answer
+    second = fetching(tmp_path / "second", near)
+    with pytest.raises(SourceError, match="wrong bytes 3 times"):
+        second.run()
+    assert not list((tmp_path / "second").glob("*.piece"))
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"\x00",
+        b"no json",
+        b"[]",
+        b'{"pieces": 3}',
+        b'{"pieces": [{"name": "../../etc/passwd", "begin_ns": 1, "end_ns": 2, "size": 3, "frames": 4}]}',
+        b'{"pieces": [{"name": "%s", "begin_ns": 1, "end_ns": 2, "size": 99999999999, "frames": 4}]}' % (b"a" * 64),
+        b'{"pieces": [{"name": "%s", "begin_ns": -1, "end_ns": 2, "size": 9, "frames": 4}]}' % (b"a" * 64),
+        b'{"pieces": [{"name": "%s", "begin_ns": 9, "end_ns": 2, "size": 9, "frames": 4}]}' % (b"a" * 64),
+        b'{"error": "no"}',
+        HEAD.pack(PART, 0),
+    ],
+    ids=range(11),
+)
+def test_answers_that_make_no_sense_end_it(
+    tmp_path: Path, network: MemoryNetwork, near: MemoryTransport, answer: bytes
+) -> None:
+    network.transport().answer(KEYS.past, lambda data: answer)
+    with pytest.raises(SourceError):
+        fetching(tmp_path, near, patience_s=0.5).run()
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".piece", ".part")]
+
+
+def test_a_vehicle_that_does_not_answer_is_given_up_after_a_while(tmp_path: Path, near: MemoryTransport) -> None:
+    with pytest.raises(SourceError, match=r"did not answer for 0\.2 s"):
+        fetching(tmp_path, near, patience_s=0.2).run()
+
+
+def test_what_was_overwritten_meanwhile_is_a_gap(tmp_path: Path, network: MemoryNetwork, near: MemoryTransport) -> None:
+    folder = tmp_path / "ring"
+    ring(folder, 0, 60)
+    vehicle = Vehicle(network, folder)
+    one = fetching(tmp_path, near, Clip(KEYS, at(0), at(60)))
+    one._list()
+    ring(folder, 60, 110)
+    one.run()
+    assert one.plan.gone
+    (gap,) = one.plan.gaps()
+    assert gap[0] == at(0)
+    assert at(20) < gap[1] < at(60)
+    assert vehicle.kept.spans()[0][0] <= gap[1]
+
+
+def test_questions_that_make_no_sense_get_an_error(vehicle: Vehicle, near: MemoryTransport) -> None:
+    for question in (
+        b"{",
+        b'{"ask": "all"}',
+        b'{"ask": "pieces"}',
+        b'{"ask": "pieces", "from": "yesterday", "to": 5}',
+        b'{"ask": "part"}',
+        b'{"ask": "part", "piece": "%s", "at_ns": %d, "offset": 0, "bytes": 5}' % (b"a" * 64, at(1)),
+        b'{"ask": "part", "piece": "../secret", "at_ns": %d, "offset": -1, "bytes": 5}' % at(1),
+    ):
+        told: dict[str, Any] = json.loads(Answers(vehicle.kept, KEYS, lambda: False, lambda: 0.0,
+                                                  Once(answers.logger))._answer(question))  # fmt: skip
+        assert "error" in told, question
+
+
+@pytest.mark.parametrize("span", [(5, 5), (6, 5), (0, 3601 * 10**9), (-1, 5)])
+def test_spans_that_are_none(span: tuple[int, int]) -> None:
+    with pytest.raises(SettingsError):
+        Clip(KEYS, *span)

@@ -1,0 +1,129 @@
+"""The ring of a vehicle: exact packets, bounded, never in the way of a frame, and readable after a kill at any byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lidarcodec import open_source
+from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of
+from lidarcodec.apps.past.kept import Kept
+from lidarcodec.errors import SettingsError
+from lidarcodec.recording.marks import Mark
+from lidarcodec.recording.pieces import pieces_in, read_piece
+from lidarcodec.recording.rotation import recorded_files
+from tests.apps.past.kept_drive import KEYS, SMALL, at, big, feed, frames, kept, packets, ring
+from tests.transport.test_contract import eventually
+
+
+def files(folder: Path) -> list[Path]:
+    return recorded_files(folder, KEYS.vehicle, KEYS.sensor)
+
+
+def payloads(paths: list[Path]) -> list[bytes]:
+    found = []
+    for path in paths:
+        with open_source(str(path)) as source:
+            found += [packet.payload for packet in source.packets()]
+    return found
+
+
+def test_the_packets_come_back_byte_for_byte_and_the_state_says_what_is_there(tmp_path: Path) -> None:
+    keeper = kept(tmp_path, 25)
+    assert payloads(files(tmp_path)) == [packet.payload for packet in packets(25)]
+    keeper.kept.look()
+    state = keeper.state()
+    assert (state["counts"]["frames"], state["stopped"], state["from_ns"], state["to_ns"]) == (25, None, at(0), at(24))
+    assert state["bytes"] == sum(path.stat().st_size for path in files(tmp_path)) > 0
+
+
+def test_the_oldest_files_go_first_and_the_ring_never_exceeds_its_size(tmp_path: Path) -> None:
+    keeper = Keeper(Keep(tmp_path, SMALL), KEYS)
+    for number in range(200):
+        assert keeper._files.write(big(number))
+        assert number % 10 or sum(path.stat().st_size for path in tmp_path.iterdir()) <= SMALL
+    keeper._files.close()
+    assert keeper.state()["counts"]["deleted files"] > 10
+    ((begin_ns, end_ns),) = keeper.kept.spans()
+    assert at(100) < begin_ns < end_ns == at(199)
+
+
+def test_a_marked_span_stays_when_everything_around_it_is_overwritten(tmp_path: Path) -> None:
+    keeper = ring(tmp_path, 0, 40)
+    keeper.kept.mark(Mark("crash", at(5), at(8), "airbag", "test", at(9)))
+    ring(tmp_path, 40, 200)
+    left = ring(tmp_path, 200, 300).kept
+    spans = left.spans()
+    assert len(spans) == 2, "the marked one, and the newest"
+    assert spans[0][0] <= at(5)
+    assert spans[0][1] >= at(7)
+    assert left.release("crash")
+    assert not left.release("crash")
+    assert ring(tmp_path, 300, 400).kept.spans()[0][0] > at(200)
+
+
+def test_marks_take_at_most_half_of_the_ring(tmp_path: Path) -> None:
+    keeper = ring(tmp_path, 0, 40)
+    with pytest.raises(SettingsError, match="more than half"):
+        keeper.kept.mark(Mark("all", at(0), at(600), "", "", at(40)))
+    assert not list(keeper.kept.marks)
+
+
+def test_if_the_marks_cannot_be_read_nothing_is_deleted(tmp_path: Path) -> None:
+    ring(tmp_path, 0, 40)
+    (tmp_path / "car-7_roof.marks.json").write_text('{"marks": [{"name": "x"')
+    first = files(tmp_path)[0]
+    keeper = ring(tmp_path, 40, 140)
+    assert first.exists()
+    assert keeper.state()["stopped"] is not None
+
+
+@pytest.mark.parametrize("size", ["64", "1 kB", "-4GB", "64GBB", "9" * 40 + "GB", "64 light years", "1e9GB"])
+def test_sizes_that_are_none(size: str) -> None:
+    with pytest.raises(SettingsError, match="write for example 64GB"):
+        bytes_of(size)
+
+
+def test_a_file_cut_at_any_byte_gives_every_whole_message_before_the_cut(tmp_path: Path) -> None:
+    kept(tmp_path, 12)
+    (path, *_) = files(tmp_path)
+    whole = pieces_in(path)
+    places = [place for piece in whole for place in piece.places]
+    data = path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for size in range(1, len(data), 9973):
+        cut.write_bytes(data[:size])
+        found = pieces_in(cut) if size >= 8 else []
+        want = [place for place in places if place[0] + place[1] <= size]
+        assert [place for piece in found for place in piece.places] == want, size
+        assert all(read_piece(cut, piece) for piece in found)
+
+
+def test_a_growing_file_offers_complete_pieces_only_and_they_keep_their_names(tmp_path: Path) -> None:
+    keeper = Keeper(Keep(tmp_path, 2**30), KEYS)
+    keeper.start()
+    feed(keeper, frames(25))
+    assert eventually(lambda: keeper.state()["counts"].get("frames") == 25)
+    early, more = keeper.kept.pieces(0, 2**62)
+    assert not more
+    assert keeper.kept.until_ns() == early[-1].end_ns
+    keeper.close()
+    late, _ = Kept(tmp_path, KEYS, 2**30).pieces(0, 2**62)
+    assert [piece.name for piece in late[: len(early)]] == [piece.name for piece in early]
+    assert len(late) == len(early) + 1
+
+
+def test_a_slow_disk_drops_the_oldest_waiting_frames_and_counts_them(tmp_path: Path) -> None:
+    keeper = Keeper(Keep(tmp_path, SMALL), KEYS)  # it was not started, so it is as slow as can be
+    for frame in frames(WAITING + 5):
+        keeper.frame(frame)
+    assert keeper.state()["counts"] == {"dropped": 5}
+
+
+def test_a_folder_that_cannot_be_used_stops_the_keeping_and_says_why(tmp_path: Path) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("no folder")
+    keeper = kept(in_the_way, 3)
+    assert keeper.state()["stopped"] is not None
+    assert keeper.kept.spans() == []
