@@ -42,7 +42,7 @@ class Piece(NamedTuple):
 
     def overlaps(self, from_ns: int, to_ns: int) -> bool:
         """Whether a part of it lies in a span of time. `to_ns` is outside."""
-        return self.begin_ns < to_ns and self.end_ns >= from_ns
+        return self.begin_ns < to_ns and (self.end_ns > from_ns or self.begin_ns >= from_ns)
 
 
 def pieces_in(path: Path, *, growing: bool = False) -> list[Piece]:

@@ -25,6 +25,7 @@ from lidarcodec_server.live.part import live
 from lidarcodec_server.metrics.gate import GateMetrics
 from lidarcodec_server.middleware import BodyLimit, FromHere, Knock, Observe, Reserved
 from lidarcodec_server.operations import Audit
+from lidarcodec_server.past.part import past
 from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
@@ -43,8 +44,9 @@ ROUTERS = (
     "sockets",
     "snapshot",
     "recordings",
+    "past",
 )
-PARTS: tuple[Part, ...] = (live,)
+PARTS: tuple[Part, ...] = (live, past)
 
 
 @asynccontextmanager

@@ -54,6 +54,7 @@ class ServerConfig(BaseModel):
     max_viewers:         most live sockets;  max_viewers_a_client, max_viewers_a_host: most of one client or host
     ack_limit_s:         longest time for a viewer to acknowledge a frame
     recordings:          folder of the server's recordings
+    past:                folder of clips that were fetched from vehicles;  max_past_bytes: its largest size
     max_recordings_bytes: largest size of that folder;  max_recording_bytes, max_recording_s: limits of one recording
     """
 
@@ -90,6 +91,8 @@ class ServerConfig(BaseModel):
     max_viewers_a_host: int = Field(default=48, ge=1)
     ack_limit_s: float = Field(default=15.0, gt=0.0)
     recordings: Path = Field(default_factory=lambda: state_folder() / "recordings")
+    past: Path = Field(default_factory=lambda: state_folder() / "past-clips")
+    max_past_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recordings_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recording_bytes: int = Field(default=4 * 2**30, ge=2**20)
     max_recording_s: float = Field(default=3600.0, gt=0.0)

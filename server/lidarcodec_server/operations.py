@@ -60,18 +60,26 @@ def operates(action: str) -> Any:
     """A dependency of routes for operators: the operation, with `action` as its name in the audit log."""
 
     def operation(connection: HTTPConnection) -> Operation:
-        made = Operation(require_operator(connection), action, *_concerns(connection.path_params))
-        connection.scope[KEY].append(made)
-        try:
-            cast(Service, connection.app.state.service).limits.change(made.client.name)
-        except TooManyError:
-            made.too_soon = True
-            raise
-        if REFUSED in connection.scope:
-            raise connection.scope[REFUSED]
-        return made
+        return begun(connection, action)
 
     return Depends(operation)
+
+
+def begun(connection: HTTPConnection, action: str) -> Operation:
+    """The operation of a request, for a route that finds out late that it changes something.
+
+    Raises ProblemError 401, 403 for a client that is no operator, TooManyError.
+    """
+    made = Operation(require_operator(connection), action, *_concerns(connection.path_params))
+    connection.scope[KEY].append(made)
+    try:
+        cast(Service, connection.app.state.service).limits.change(made.client.name)
+    except TooManyError:
+        made.too_soon = True
+        raise
+    if REFUSED in connection.scope:
+        raise connection.scope[REFUSED]
+    return made
 
 
 class Audit:

@@ -45,9 +45,9 @@ BODIES = [
     b'{"codec": "\\ud800"}',
 ]
 PLACES = [
-    {"vehicle": "car-7", "sensor": "roof", "id": "20261121T101500Z-3fa2c9"},
-    {"vehicle": "nobody", "sensor": "roof", "id": "none"},
-    {"vehicle": "a b", "sensor": "x" * 70, "id": "y" * 70},
+    {"vehicle": "car-7", "sensor": "roof", "id": "20261121T101500Z-3fa2c9", "mark": "crash-1"},
+    {"vehicle": "nobody", "sensor": "roof", "id": "none", "mark": "crash-1"},
+    {"vehicle": "a b", "sensor": "x" * 70, "id": "y" * 70, "mark": "z" * 70},
 ]
 
 
@@ -83,7 +83,7 @@ async def test_every_operator_route_leaves_one_entry_whatever_becomes_of_it(serv
             assert len(entries(client)) == before
     assert seen == {
         *("settings", "forget", "keyframe", "record", "record-stop", "record-delete"),
-        *("play", "play-steer", "play-stop"),
+        *("play", "play-steer", "play-stop", "mark", "mark-release", "fetch-cancel"),
     }
 
 

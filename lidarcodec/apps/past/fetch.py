@@ -41,6 +41,10 @@ class CancelledError(LidarCodecError):
     """The fetch was cancelled; what was fetched is still there."""
 
 
+class SilentError(SourceError):
+    """The vehicle did not answer for too long; what was fetched is still there."""
+
+
 class Fetch:
     """Fetches one clip into a store. `run` blocks; call it from a thread. Its state can be read from others.
 
@@ -83,14 +87,17 @@ class Fetch:
             "waiting": self.waiting,
         }
 
-    def run(self) -> Plan:
+    def run(self, listed: Callable[[Plan], None] = lambda plan: None) -> Plan:
         """Fetch everything. Returns the plan; all of its pieces that are not gone are in the store.
 
-        Raises SourceError if the vehicle kept nothing of the clip, or does not answer for `patience_s`, CancelledError.
+        listed: called when all pieces are known
+        Raises SourceError if the vehicle kept nothing of the clip, SilentError if it does not answer for `patience_s`,
+        CancelledError, and what `listed` raises.
         """
         self._moved_s = time.monotonic()
         while not self.plan.listed:
             self._list()
+        listed(self.plan)
         for piece in self.plan.there:
             self._piece(piece)
         if not self.plan.there:
@@ -216,7 +223,7 @@ class Fetch:
         if self._stop.is_set():
             raise CancelledError("the fetch was cancelled")
         if time.monotonic() - self._moved_s > self._patience_s:
-            raise SourceError(
+            raise SilentError(
                 f"{self.clip.keys.vehicle}/{self.clip.keys.sensor} did not answer for {self._patience_s:g} s: "
                 "is it connected, and does it publish with --keep?"
             )

@@ -240,6 +240,16 @@ def serve(
             help="Size limit of the recordings folder in GB. Default: 64.",
         ),
     ] = None,
+    past: Annotated[
+        Path | None,
+        Option(
+            "--past", metavar="DIR", help="Folder for clips fetched from vehicles. Default: in the user's state folder."
+        ),
+    ] = None,
+    past_gb: Annotated[
+        float | None,
+        Option("--past-gb", min=0.001, max=1e6, metavar="N", help="Size limit of that folder in GB. Default: 64."),
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -263,6 +273,7 @@ def serve(
         body_s=request_seconds,
         keep_alive_s=keep_alive_seconds, read_s=read_seconds, recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
+        past=past, max_past_bytes=None if past_gb is None else int(past_gb * 2**30),
     )  # fmt: skip
 
 

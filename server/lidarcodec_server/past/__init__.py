@@ -1,0 +1,1 @@
+"""Clips of what vehicles kept: fetched in the background, and stored here."""

@@ -1,0 +1,195 @@
+"""Clips: the folder of fetches and of the clips that they brought. The folder is the only record of them.
+
+Each fetch has a folder of its own, named by its id. In it, `about.json` says what is wanted and how it stands,
+`plan.json` which pieces that takes, and `clip.mcap` is the clip once it is complete. Pieces on their way are in the
+folder `pieces`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import secrets
+import shutil
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Literal, get_args
+
+from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.plan import Clip, Plan
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import written_whole
+from lidarcodec.recording.pieces import pieces_in, read_piece
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+
+logger = logging.getLogger(__name__)
+
+State = Literal["running", "complete", "failed", "cancelled"]
+ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
+MAX_ABOUT: Final = 64 * 1024
+MAX_LISTED: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Record:
+    """A fetch. Times are in ns since the Unix epoch; ended_ns is None while it runs. size: bytes of its clip
+
+    reason: why it failed;  by: who asked for it;  stays: whether its clip is not deleted to make room
+    """
+
+    id: str
+    clip: Clip
+    state: State
+    by: str
+    started_ns: int
+    ended_ns: int | None = None
+    reason: str | None = None
+    size: int = 0
+    stays: bool = False
+
+    def about(self) -> dict[str, Any]:
+        """The content of its `about.json`."""
+        clip = self.clip
+        return {
+            "format": 1,
+            "vehicle": clip.keys.vehicle,
+            "sensor": clip.keys.sensor,
+            "from_ns": clip.from_ns,
+            "to_ns": clip.to_ns,
+            "state": self.state,
+            "by": self.by,
+            "started_ns": self.started_ns,
+            "ended_ns": self.ended_ns,
+            "reason": self.reason,
+            "size": self.size,
+            "stays": self.stays,
+        }
+
+
+class Clips:
+    """Reads and writes the folder. Methods wait for the disk: call them from a thread.
+
+    Raises SourceError if the folder cannot be used.
+    """
+
+    def __init__(self, folder: Path, max_bytes: int) -> None:
+        self.folder, self.max_bytes = folder, max_bytes
+        self.store = PieceStore(folder / "pieces")
+
+    def records(self) -> list[Record]:
+        """All fetches, oldest first. A folder that is damaged is left out."""
+        try:
+            names = sorted(path.name for path in self.folder.iterdir() if ID.fullmatch(path.name))
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise self._unusable(error) from None
+        return [record for name in names[-MAX_LISTED:] if (record := self._read(name)) is not None]
+
+    def create(self, clip: Clip, by: str, now_ns: int, *, stays: bool) -> Record:
+        """A new fetch, on the disk."""
+        stamp = datetime.fromtimestamp(now_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
+        record = Record(f"{stamp}-{secrets.token_hex(3)}", clip, "running", by, now_ns, stays=stays)
+        try:
+            (self.folder / record.id).mkdir(parents=True, mode=0o700)
+        except OSError as error:
+            raise self._unusable(error) from None
+        self.write(record)
+        return record
+
+    def write(self, record: Record) -> None:
+        """Store the state of a fetch. It survives a power failure from then on."""
+        try:
+            with written_whole(self.folder / record.id / "about.json", private=True) as beside:
+                beside.write_text(json.dumps(record.about()), "utf-8")
+        except (OSError, SettingsError) as error:
+            raise SourceError(f"the folder of clips cannot be used: {error}") from None
+
+    def plan_file(self, record: Record) -> Path:
+        """Where the plan of a fetch is stored."""
+        return self.folder / record.id / "plan.json"
+
+    def clip_file(self, record: Record) -> Path:
+        """The recording that a fetch brought, if it is complete."""
+        return self.folder / record.id / "clip.mcap"
+
+    def remove(self, record: Record) -> None:
+        """Delete a fetch and its clip."""
+        shutil.rmtree(self.folder / record.id, ignore_errors=True)
+
+    def forget_pieces(self, plan: Plan, others: list[Plan]) -> None:
+        """Delete the pieces of a plan that no other plan needs."""
+        needed = {piece.name for other in others for piece in other.pieces}
+        self.store.forget(piece.name for piece in plan.pieces if piece.name not in needed)
+
+    def take_from_clips(self, plan: Plan, done: list[Record]) -> None:
+        """Take pieces of a plan out of clips that are here, so that they are not fetched again."""
+        lacking = {piece.name for piece in plan.there if not self.store.has(piece.name, piece.size)}
+        for record in done:
+            clip = record.clip
+            if not lacking:
+                return
+            if clip.keys != plan.clip.keys or clip.to_ns < plan.clip.from_ns or clip.from_ns > plan.clip.to_ns:
+                continue
+            path = self.clip_file(record)
+            try:
+                for piece in pieces_in(path):
+                    if piece.name in lacking:
+                        self.store.add(piece.name, 0, read_piece(path, piece))
+                        self.store.finish(piece.name)
+                        lacking.discard(piece.name)
+            except (OSError, LidarCodecError) as error:
+                logger.warning("the clip of fetch %s cannot be read: %s", record.id, error)
+
+    def make_room(self, plan: Plan, done: list[Record]) -> list[Record]:
+        """Delete the oldest clips until there is room for a plan, once as pieces and once as a clip. Returns those that
+        were deleted.
+
+        Raises SourceError if that is not enough.
+        """
+        needed = 2 * sum(piece.size for piece in plan.there)
+        total = sum(path.stat().st_size for path in self.store.folder.glob("*")) if self.store.folder.is_dir() else 0
+        total += sum(record.size for record in done)
+        gone = []
+        for record in sorted(done, key=lambda one: one.started_ns):
+            if total + needed <= self.max_bytes:
+                break
+            if not record.stays:
+                self.remove(record)
+                total -= record.size
+                gone.append(record)
+                logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
+        if total + needed > self.max_bytes:
+            raise SourceError(f"the clip does not fit: all clips together may take {self.max_bytes // 2**20} MiB")
+        return gone
+
+    def _read(self, name: str) -> Record | None:
+        try:
+            with open_regular(self.folder / name / "about.json") as file:
+                told = read_object(file.read(MAX_ABOUT + 1), MAX_ABOUT)
+            numbers = [told[field] for field in ("from_ns", "to_ns", "started_ns", "size")]
+            if told["state"] not in get_args(State) or not all(isinstance(value, int) for value in numbers):
+                return None
+            from_ns, to_ns, started_ns, size = numbers
+            clip = Clip(StreamKeys(told["vehicle"], told["sensor"]), from_ns, to_ns)
+            ended_ns, reason = told["ended_ns"], told["reason"]
+            return Record(
+                name,
+                clip,
+                told["state"],
+                str(told["by"]),
+                started_ns,
+                ended_ns if isinstance(ended_ns, int) else None,
+                None if reason is None else str(reason),
+                size,
+                told["stays"] is True,
+            )
+        except (OSError, JsonRefusedError, LidarCodecError, KeyError, TypeError):
+            return None
+
+    def _unusable(self, error: OSError) -> SourceError:
+        return SourceError(f"the folder of clips cannot be used: {error.strerror or error}")

@@ -1,0 +1,261 @@
+"""Fetches: gets clips from vehicles in the background, a few at a time and one of each vehicle.
+
+A fetch that was running when the server ended goes on when it starts again. A fetch waits for a vehicle that is away
+for a day; meanwhile others have their turn.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from lidarcodec.apps.past.clip import write_clip
+from lidarcodec.apps.past.fetch import CancelledError, Fetch, SilentError
+from lidarcodec.apps.past.plan import Clip, Plan
+from lidarcodec.errors import LidarCodecError, SourceError, told
+from lidarcodec.files.whole import written_whole
+from lidarcodec.transport import Transport
+from lidarcodec_server.past.clips import Clips, Record
+
+logger = logging.getLogger(__name__)
+
+RUNNING: Final = 4
+"""Most fetches at once."""
+MAX_WAITING: Final = 64
+MAX_ENDED: Final = 1000
+"""Most fetches that ended and are remembered; the oldest without a clip are forgotten."""
+TURN_S: Final = 20.0
+"""After so long without an answer of its vehicle, a fetch lets others have its turn."""
+AGAIN_S: Final = 5.0
+GIVE_UP_S: Final = 24 * 3600.0
+CLOSE_S: Final = 6.0
+
+
+class NoFetchError(LidarCodecError):
+    """There is no such fetch."""
+
+
+class TooManyFetchesError(LidarCodecError):
+    """Too many fetches wait already."""
+
+
+class _Job:
+    """A fetch that is not over."""
+
+    def __init__(self, record: Record, fetch: Fetch) -> None:
+        self.record, self.fetch = record, fetch
+        self.due_s = 0.0
+        self.moved_s = time.monotonic()
+        self.running = self.cancelled = False
+
+
+class Fetches:
+    """All fetches of a server. Thread-safe.
+
+    transport: gives the network session, or raises TransportError while there is none
+    """
+
+    def __init__(self, clips: Clips, transport: Callable[[], Transport]) -> None:
+        self._clips, self._transport = clips, transport
+        self._jobs: dict[str, _Job] = {}
+        self._ended: dict[str, Record] = {}
+        self._wake = threading.Condition()
+        self._disk = threading.Lock()
+        self._stopped = False
+        self._threads = [
+            threading.Thread(target=self._work, name=f"lidarcodec fetch {number}", daemon=True)
+            for number in range(RUNNING)
+        ]
+
+    def start(self) -> None:
+        """Read the folder, and go on with what was not over."""
+        try:
+            for record in self._clips.records():
+                if record.state == "running":
+                    self._jobs[record.id] = self._job(record)
+                else:
+                    self._ended[record.id] = record
+        except SourceError as error:
+            logger.warning("earlier fetches are not known: %s", error)
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Stop; what is not over goes on after the next start. A second call does nothing."""
+        with self._wake:
+            self._stopped = True
+            for job in self._jobs.values():
+                job.fetch.cancel()
+            self._wake.notify_all()
+        end = time.monotonic() + CLOSE_S
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(max(0.0, end - time.monotonic()))
+
+    def clip(self, clip: Clip) -> Path | None:
+        """The file of a clip that is here; None if it is not."""
+        with self._wake:
+            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
+        found = [self._clips.clip_file(one) for one in reversed(done)]
+        return next((path for path in found if path.is_file()), None)
+
+    def running(self, clip: Clip) -> Record | None:
+        """The fetch of this very clip that is not over; None if there is none."""
+        with self._wake:
+            return next((job.record for job in self._jobs.values() if job.record.clip == clip), None)
+
+    def begin(self, clip: Clip, by: str, *, stays: bool = False) -> Record:
+        """Fetch a clip, unless it is being fetched already.
+
+        stays: whether the clip is not deleted to make room
+        Raises TooManyFetchesError, SourceError if the folder cannot be written.
+        """
+        with self._disk:
+            found = self.running(clip)
+            if found is not None:
+                return found
+            if len(self._jobs) >= MAX_WAITING:
+                raise TooManyFetchesError(f"{MAX_WAITING} fetches are waiting, which is the limit: cancel one first")
+            record = self._clips.create(clip, by, time.time_ns(), stays=stays)
+            with self._wake:
+                self._jobs[record.id] = self._job(record)
+                self._wake.notify()
+        logger.info("%s: fetching %s for %s", clip.keys.prefix, record.id, by)
+        return record
+
+    def cancel(self, name: str) -> Record:
+        """End a fetch; if it is complete, delete its clip. Raises NoFetchError, SourceError."""
+        with self._wake:
+            job, ended = self._jobs.get(name), self._ended.get(name)
+            if job is not None:
+                job.cancelled = True
+                job.fetch.cancel()
+                if not job.running:
+                    self._jobs.pop(name)
+                self._wake.notify_all()
+        if job is not None:
+            return job.record if job.running else self._end(job, "cancelled", None)
+        if ended is None:
+            raise NoFetchError(f"there is no fetch {name[:64]}")
+        with self._wake:
+            self._ended.pop(name, None)
+        self._clips.remove(ended)
+        return replace(ended, state="cancelled")
+
+    def state(self, name: str) -> tuple[Record, dict[str, Any] | None]:
+        """A fetch, and its progress while it is not over. Raises NoFetchError."""
+        with self._wake:
+            job, ended = self._jobs.get(name), self._ended.get(name)
+        if job is not None:
+            return job.record, job.fetch.state()
+        if ended is None:
+            raise NoFetchError(f"there is no fetch {name[:64]}")
+        return ended, None
+
+    def all(self) -> list[Record]:
+        """Every fetch, newest first."""
+        with self._wake:
+            found = [*self._ended.values(), *(job.record for job in self._jobs.values())]
+        return sorted(found, key=lambda one: (one.started_ns, one.id), reverse=True)
+
+    # --- the threads ------------------------------------------------------------------------------------------------
+
+    def _job(self, record: Record) -> _Job:
+        clips = self._clips
+        return _Job(record, Fetch(record.clip, clips.store, clips.plan_file(record), self._transport, TURN_S))
+
+    def _work(self) -> None:
+        while (job := self._next()) is not None:
+            try:
+                self._run(job)
+            except Exception as error:
+                logger.exception("fetch %s failed", job.record.id)
+                self._end(job, "failed", f"unexpected error: {type(error).__name__}")
+            finally:
+                with self._wake:
+                    job.running = False
+                    self._wake.notify_all()
+
+    def _next(self) -> _Job | None:
+        """The next fetch whose turn it is. Waits for one; None at the end."""
+        with self._wake:
+            while not self._stopped:
+                now = time.monotonic()
+                busy = {job.record.clip.keys.vehicle for job in self._jobs.values() if job.running}
+                waiting = [
+                    job for job in self._jobs.values()
+                    if not job.running and job.due_s <= now and job.record.clip.keys.vehicle not in busy
+                ]  # fmt: skip
+                if waiting:
+                    job = min(waiting, key=lambda one: (one.due_s, one.record.started_ns))
+                    job.running = True
+                    return job
+                self._wake.wait(1.0)
+            return None
+
+    def _run(self, job: _Job) -> None:
+        before = job.fetch.received
+        try:
+            plan = job.fetch.run(self._prepare)
+            with self._disk:
+                size = self._assemble(job, plan)
+            self._end(job, "complete", None, size)
+        except CancelledError:
+            if job.cancelled:
+                self._end(job, "cancelled", None)
+        except SilentError as error:
+            now = time.monotonic()
+            job.due_s = now + AGAIN_S
+            if job.fetch.received > before:
+                job.moved_s = now
+            if now - job.moved_s > GIVE_UP_S:
+                self._end(job, "failed", str(error))
+        except LidarCodecError as error:
+            self._end(job, "failed", str(error))
+        except BaseException as error:  # a panic of native code is not an Exception
+            self._end(job, "failed", str(told(error)))
+
+    def _prepare(self, plan: Plan) -> None:
+        """The pieces of a clip are known: make room, and take what is here already."""
+        with self._wake:
+            done = [record for record in self._ended.values() if record.state == "complete"]
+        with self._disk:
+            self._clips.take_from_clips(plan, done)
+            gone = self._clips.make_room(plan, done)
+        with self._wake:
+            for record in gone:
+                self._ended.pop(record.id, None)
+
+    def _assemble(self, job: _Job, plan: Plan) -> int:
+        path = self._clips.clip_file(job.record)
+        try:
+            with written_whole(path, private=True) as beside:
+                return write_clip(plan, self._clips.store, beside)
+        except OSError as error:
+            raise SourceError(f"the clip cannot be written: {error.strerror or error}") from None
+
+    def _end(self, job: _Job, state: Any, reason: str | None, size: int = 0) -> Record:
+        record = replace(job.record, state=state, reason=reason, size=size, ended_ns=time.time_ns())
+        with self._wake:
+            self._jobs.pop(record.id, None)
+            self._ended[record.id] = record
+            others = [one.fetch.plan for one in self._jobs.values()]
+            surplus = [one for one in self._ended.values() if one.state != "complete"]
+            surplus = surplus[: max(0, len(self._ended) - MAX_ENDED)]
+            for one in surplus:
+                self._ended.pop(one.id, None)
+        try:
+            self._clips.write(record)
+        except SourceError as error:
+            logger.warning("fetch %s ended as %s, and this cannot be stored: %s", record.id, state, error)
+        with self._disk:
+            self._clips.forget_pieces(job.fetch.plan, others)
+        for one in surplus:
+            self._clips.remove(one)
+        logger.info("%s: fetch %s: %s", record.clip.keys.prefix, record.id, reason or state)
+        return record

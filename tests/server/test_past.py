@@ -1,0 +1,229 @@
+"""Clips of what a vehicle kept, over HTTP: here, on their way, cancelled, and after a restart of the server."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+
+import pytest
+
+from lidarcodec.apps.past.keeper import Keep
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.recording import RecordingReader
+from lidarcodec.wire import peek
+from lidarcodec_server.past import fetches
+from lidarcodec_server.tokens import create_token
+from tests.apps.past.kept_drive import KEYS, SMALL, big, ring
+from tests.apps.streams import START_NS, Loop
+from tests.server.conftest import STREAM, until
+
+PAST = f"{STREAM}/past"
+FETCHES = "/api/v1/fetches"
+
+
+@pytest.fixture
+def config(config, tmp_path):
+    return config.model_copy(update={"past": tmp_path / "past"})
+
+
+@pytest.fixture
+def keeping(network, tmp_path):
+    """Function that starts car-7/roof with a ring in which 60 frames were kept; it is stopped after the test."""
+    ring(tmp_path / "ring", 0, 60)
+    started = []
+
+    def start():
+        car = Publisher(
+            Loop(),
+            vehicle="car-7",
+            sensor="roof",
+            keep=Keep(tmp_path / "ring", 8 * SMALL),
+            transport=network.transport(),
+        )
+        started.append(car.start())
+        return car
+
+    yield start
+    for car in started:
+        car.stop()
+
+
+def span(first, last):
+    """Query of a clip from one kept frame to another."""
+    return {"from": str(START_NS + first * 100_224_000), "to": str(START_NS + last * 100_224_000)}
+
+
+async def seen(client):
+    async def there():
+        return (await client.get(STREAM)).status_code == 200
+
+    await until(there)
+
+
+async def ended(client, where):
+    """The fetch, once it is over."""
+
+    async def over():
+        told = (await client.get(where)).json()
+        return told if told["state"] != "running" else None
+
+    return await until(over)
+
+
+async def actions(client):
+    return [entry["action"] for entry in (await client.get("/api/v1/audit")).json()]
+
+
+async def test_a_clip_is_fetched_once_and_then_here(serving, keeping):
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        first = await client.get(PAST, params=span(12, 27))
+        assert first.status_code == 202, first.text
+        where = first.headers["location"]
+        assert where == f"{FETCHES}/{first.json()['id']}"
+        told = await ended(client, where)
+        assert (told["state"], told["reason"], told["progress"]) == ("complete", None, None)
+        clip = await client.get(told["clip"])
+        assert clip.status_code == 200
+        assert len(clip.content) == told["size_bytes"]
+        found = [data for _, data in RecordingReader(io.BytesIO(clip.content)).messages()]
+        assert found == [big(number) for number in range(10, 30)]
+        part = await client.get(PAST, params=span(12, 27), headers={"Range": "bytes=0-7"})
+        assert (part.status_code, part.content) == (206, b"\x89MCAP0\r\n")
+        assert await actions(client) == ["fetch"], "exactly one entry: the second request changed nothing"
+
+
+async def test_the_same_request_joins_the_running_fetch_and_it_goes_on_after_a_restart(serving, keeping, monkeypatch):
+    monkeypatch.setattr(fetches, "TURN_S", 0.3)
+    car = keeping()
+    async with serving() as client:
+        await seen(client)
+        car.stop()  # away; the fetch waits for it
+        begun = [(await client.get(PAST, params=span(0, 30))).headers["location"] for _ in range(3)]
+        assert len(set(begun)) == 1
+        told = (await client.get(begun[0])).json()
+        assert told["state"] == "running"
+        assert told["progress"]["bytes_done"] == 0
+    keeping()
+    async with serving() as client:
+        assert [one["id"] for one in (await client.get(FETCHES)).json()] == [told["id"]]
+        assert (await ended(client, begun[0]))["state"] == "complete"
+        assert (await client.get(PAST, params=span(0, 30))).status_code == 200
+
+
+async def test_a_cancelled_fetch_is_over_and_leaves_nothing(serving, keeping, config):
+    car = keeping()
+    async with serving() as client:
+        await seen(client)
+        car.stop()
+        where = (await client.get(PAST, params=span(0, 50))).headers["location"]
+        assert (await client.delete(where)).status_code == 200
+        assert (await ended(client, where))["state"] == "cancelled"
+        assert (await client.delete(where)).status_code == 200, "the second time it is forgotten"
+        assert (await client.delete(where)).status_code == 404
+        assert (await actions(client)).count("fetch-cancel") == 3
+    assert not [path for path in config.past.rglob("*") if path.is_file()]
+
+
+async def test_what_another_clip_brought_is_taken_from_there(serving, keeping):
+    car = keeping()
+    async with serving() as client:
+        await seen(client)
+        await ended(client, (await client.get(PAST, params=span(0, 29))).headers["location"])
+        where = (await client.get(PAST, params=span(0, 39))).headers["location"]
+        told = await ended(client, where)
+        assert told["state"] == "complete"
+        clip = await client.get(told["clip"])
+        indices = [peek(data).frame_index for _, data in RecordingReader(io.BytesIO(clip.content)).messages()]
+        assert indices == list(range(40))
+        assert car.status()["past"]["stopped"] is None
+
+
+@pytest.mark.parametrize(
+    ("query", "field"),
+    [
+        ({"to": "5"}, "from"),
+        ({"from": "yesterday", "to": "5"}, "from"),
+        ({"from": "7", "to": "5"}, "to"),
+        ({"from": "0", "to": str(10**18)}, "to"),
+        ({"from": "0", "to": str(2**63)}, "to"),
+        ({"from": "0", "to": "5", "quality": "base"}, "quality"),
+    ],
+)
+async def test_what_cannot_be_fetched_is_a_problem(serving, vehicle, query, field):
+    vehicle()
+    async with serving() as client:
+        await seen(client)
+        answer = await client.get(PAST, params=query)
+        assert answer.status_code == 422
+        assert answer.headers["content-type"] == "application/problem+json"
+        assert answer.json()["field"] == field
+        assert (await client.get("/api/v1/streams/car-7/other/past", params=span(0, 5))).status_code == 404
+        assert (await client.get(f"{FETCHES}/../secret")).status_code in (404, 422)
+
+
+async def test_a_vehicle_that_kept_nothing_of_it_is_told(serving, keeping):
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        where = (await client.get(PAST, params={"from": "1000", "to": "2000"})).headers["location"]
+        told = await ended(client, where)
+        assert (told["state"], told["reason"]) == ("failed", "the vehicle kept nothing of this clip")
+
+
+async def test_clips_beyond_the_limit_push_out_the_oldest_and_never_exceed_it(serving, keeping):
+    keeping()
+    async with serving(max_past_bytes=5 * 2**20) as client:
+        await seen(client)
+        for first in (0, 20):
+            where = (await client.get(PAST, params=span(first, first + 19))).headers["location"]
+            assert (await ended(client, where))["state"] == "complete"
+        assert [one["from_ns"] for one in (await client.get(FETCHES)).json()] == [int(span(20, 39)["from"])]
+        where = (await client.get(PAST, params=span(0, 55))).headers["location"]
+        assert "does not fit" in (await ended(client, where))["reason"]
+
+
+async def test_marks_are_set_told_fetched_and_released(serving, keeping, tmp_path):
+    keeping()
+    mark = f"{STREAM}/marks/crash-1"
+    async with serving() as client:
+        await seen(client)
+        made = await client.put(mark, json={**span(12, 15), "reason": "airbag"})
+        assert made.status_code == 200, made.text
+        told = await ended(client, f"{FETCHES}/{made.json()['fetch']['id']}")
+        assert told["state"] == "complete"
+        kept = (await client.get(f"{PAST}/spans")).json()
+        assert kept["vehicle"][0][0] == START_NS
+        assert kept["here"] == [[int(span(12, 15)["from"]), int(span(12, 15)["to"])]]
+        assert [(one["name"], one["reason"]) for one in kept["marks"]] == [("crash-1", "airbag")]
+        stored = json.loads((tmp_path / "ring" / "car-7_roof.marks.json").read_text())
+        assert [one["name"] for one in stored["marks"]] == ["crash-1"]
+        assert (await client.put(f"{STREAM}/marks/all", json={"from": "0", "to": str(2**62)})).status_code == 422
+        assert (await client.delete(mark)).status_code == 204
+        assert (await client.delete(mark)).status_code == 404
+        assert sorted(await actions(client)) == ["mark", "mark", "mark-release", "mark-release"]
+
+
+async def test_viewers_get_clips_that_are_here_and_begin_nothing(serving, keeping):
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        await ended(client, (await client.get(PAST, params=span(0, 9))).headers["location"])
+        viewer = {"Authorization": f"Bearer {create_token(client.app.state.service.store, 'anna', 'viewer')}"}
+        assert await until(lambda: refused(client))
+        assert (await client.get(PAST, params=span(0, 9), headers=viewer)).status_code == 200
+        assert (await client.get(PAST, params=span(0, 19), headers=viewer)).status_code == 403
+        assert (await client.put(f"{STREAM}/marks/x", json=span(0, 9), headers=viewer)).status_code == 403
+        assert (await client.get(PAST, params=span(0, 9))).status_code == 401
+
+
+async def refused(client):
+    """Whether a token is needed by now."""
+    return (await client.get(STREAM)).status_code == 401
+
+
+def test_the_stream_of_the_ring_is_the_one_asked_for():
+    assert f"/api/v1/streams/{KEYS.vehicle}/{KEYS.sensor}" == STREAM
+    assert time.time_ns() > START_NS
