@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import sys
 import threading
@@ -18,6 +17,7 @@ from lidarcodec.apps.past.plan import Clip
 from lidarcodec.apps.past.times import check_quality, span_of
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, told
 from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.transport import open_transport
@@ -65,8 +65,8 @@ def run(
         store.folder.rmdir()
     for begin_ns, end_ns in plan.gaps():
         log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
-    about = {"out": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
-    print(json.dumps(about, indent=2) if as_json else _line(about))
+    about = {"output": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
+    tell(about, _line(about), as_json)
 
 
 def _run(fetch: Fetch, stop: threading.Event) -> None:
@@ -110,6 +110,6 @@ def _progress(state: dict[str, Any]) -> str:
 
 def _line(about: dict[str, Any]) -> str:
     return (
-        f"{about['out']}: {about['frames']} frames in {about['bytes']:,} bytes, {about['bytes_received']:,} bytes "
+        f"{about['output']}: {about['frames']} frames in {about['bytes']:,} bytes, {about['bytes_received']:,} bytes "
         f"received, {len(about['gaps'])} gaps"
     )

@@ -34,6 +34,16 @@ class Simulated(TypedDict):
     frames: Annotated[float, "number of turns"]
 
 
+class Fetched(TypedDict):
+    """Of `fetch`."""
+
+    output: Annotated[str, "path of the clip"]
+    bytes: Annotated[int, "size of the clip"]
+    frames: Annotated[int, "number of frames in it"]
+    bytes_received: Annotated[int, "bytes that came from the vehicle in this run"]
+    gaps: Annotated[list[list[int]], "what the vehicle did not keep: begin and end, in ns since 1970"]
+
+
 class Joined(TypedDict):
     """Of `join`."""
 

@@ -8,10 +8,13 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.files import Fetched
 from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, Connect, Force, Listen, ZenohConfig
 
 
+@prints(Fetched)
 def fetch(
     key: Annotated[str, typer.Argument(metavar="VEHICLE/SENSOR", show_default=False, help="The stream.")],
     begin: Annotated[
