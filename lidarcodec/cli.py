@@ -14,6 +14,7 @@ from typer import Option
 
 from lidarcodec.commands import bridge, token
 from lidarcodec.commands.convert.command import convert
+from lidarcodec.commands.cut.command import cut
 from lidarcodec.commands.evaluate import command as evaluate
 from lidarcodec.commands.join.command import join
 from lidarcodec.commands.running import run as running
@@ -57,7 +58,7 @@ def _common(
 
 
 for command in (
-    files.info, files.doctor, files.encode, files.decode, convert, join, files.verify, files.annotate, files.bench,
+    files.info, files.doctor, files.encode, files.decode, convert, cut, join, files.verify, files.annotate, files.bench,
     files.simulate,
     live.publish, live.subscribe, past.fetch, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
 ):  # fmt: skip

@@ -54,6 +54,16 @@ class Joined(TypedDict):
     packets: Annotated[int | None, "number of packets copied; null of recordings"]
 
 
+class CutOut(TypedDict):
+    """Of `cut`."""
+
+    outputs: Annotated[list[str], "paths of the files written, in order"]
+    beside: Annotated[list[str], "calibrations written beside captures"]
+    messages: Annotated[int | None, "number of messages copied; null of captures"]
+    packets: Annotated[int | None, "number of packets copied; null of recordings"]
+    earlier_frames: Annotated[int, "frames before the wanted ones, from the key frame on that they need"]
+
+
 class Verified(TypedDict):
     """Of `verify`."""
 

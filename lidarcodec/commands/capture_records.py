@@ -1,0 +1,81 @@
+"""Records of classic captures, unchanged and with any content, and the calibration beside a capture."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, Final, NamedTuple
+
+from lidarcodec.budgets import FileTooLargeError, read_file
+from lidarcodec.errors import CalibrationError, SourceError
+
+log = logging.getLogger(__name__)
+
+HEADER_BYTES: Final = 24
+ORDERS: Final = {
+    b"\xd4\xc3\xb2\xa1": "<",
+    b"\x4d\x3c\xb2\xa1": "<",
+    b"\xa1\xb2\xc3\xd4": ">",
+    b"\xa1\xb2\x3c\x4d": ">",
+}
+"""Magic numbers of classic pcap files, with microseconds and with nanoseconds, and their byte order."""
+NANOSECONDS: Final = (b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
+"""Those whose fractions of seconds are nanoseconds."""
+_MAX_RECORD: Final = 1 << 18
+
+
+class Record(NamedTuple):
+    """A packet of a capture. stamp: seconds and fraction;  data: its bytes in the file, with the record header"""
+
+    stamp: tuple[int, int]
+    data: bytes
+
+
+def opened(handle: BinaryIO, path: Path) -> bytes:
+    """The header of a classic capture.
+
+    Raises SourceError if it is another file.
+    """
+    found = handle.read(HEADER_BYTES)
+    if found[:4] not in ORDERS or len(found) != HEADER_BYTES:
+        raise SourceError(f"{path} is not a classic pcap file: convert it first with `lidarcodec convert`")
+    return found
+
+
+def records(handle: BinaryIO, path: Path, order: str, skip_damage: bool) -> Iterator[Record]:
+    """Complete records of a file, after its header."""
+    number = 0
+    while (head := handle.read(16)) and (record := _record(handle, head, order)) is not None:
+        yield record
+        number += 1
+    if head:
+        damage = f"{path} is damaged: packet {number} and the rest are incomplete"
+        if not skip_damage:
+            raise SourceError(f"{damage}; use --allow-gap to take the other packets")
+        log.warning("%s and were skipped", damage)
+
+
+def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
+    """The record with this header. None if it is cut off, or all zeros, as after a power failure."""
+    if len(head) < 16:
+        return None
+    seconds, fraction, length, original = struct.unpack(f"{order}IIII", head)
+    if length > _MAX_RECORD or not (seconds or length or original):
+        return None
+    data = handle.read(length)
+    return Record((seconds, fraction), head + data) if len(data) == length else None
+
+
+def read_table(path: Path) -> bytes:
+    """The bytes of a calibration. Raises CalibrationError if it is too large."""
+    try:
+        return read_file(path, "calibration")
+    except FileTooLargeError as error:
+        raise CalibrationError(f"{path}: {error}") from None
+
+
+def calibration_of(path: Path) -> Path:
+    """Path of the calibration beside a capture."""
+    return path.with_name(f"{path.stem}_db.xml")

@@ -1,0 +1,60 @@
+"""Cuts captures: copies the records of a span of time unchanged, and the calibration beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from lidarcodec.commands.capture_records import NANOSECONDS, ORDERS, calibration_of, opened, read_table, records
+from lidarcodec.commands.cut.parts import Cut, say, write
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import Whole, check_free
+
+
+class _Timed(NamedTuple):
+    stamp_ns: int
+    data: bytes
+
+
+def run(wanted: Cut) -> None:
+    """Copy the records, into one capture or into parts. A damaged end is left out, with a warning."""
+    table = calibration_of(wanted.source)
+    found = read_table(table) if table.is_file() else None
+    tables: list[Path] = []
+    with open_regular(wanted.source) as handle:
+        header = opened(handle, wanted.source)
+
+        def write_part(output: Whole, to: BinaryIO, part: Iterable[_Timed]) -> int:
+            if found is not None and not output.straight:
+                path = calibration_of(output.path)
+                check_free(path, force=wanted.force)
+                output.companion(calibration_of, ".xml").write_bytes(found)
+                tables.append(path)
+            to.write(header)
+            count = 0
+            for record in part:
+                to.write(record.data)
+                count += 1
+            return count
+
+        items = _numbered(wanted, _timed(handle, wanted.source, header))
+        written, count = write(wanted, items, write_part)
+    say(wanted, written, tables, count, "packets", 0)
+
+
+def _timed(handle: BinaryIO, path: Path, header: bytes) -> Iterator[_Timed]:
+    fraction_ns = 1 if header[:4] in NANOSECONDS else 1000
+    for (seconds, fraction), data in records(handle, path, ORDERS[header[:4]], True):
+        yield _Timed(seconds * 10**9 + fraction * fraction_ns, data)
+
+
+def _numbered(wanted: Cut, timed: Iterator[_Timed]) -> Iterator[tuple[int, _Timed]]:
+    """Each record with the number of its part. A record with an earlier time than one before it stays in its part."""
+    first_ns: int | None = None
+    number = 0
+    for record in wanted.selection.in_time(timed):
+        first_ns = record.stamp_ns if first_ns is None else first_ns
+        if wanted.every_ns is not None:
+            number = max(number, (record.stamp_ns - first_ns) // wanted.every_ns)
+        yield number, record

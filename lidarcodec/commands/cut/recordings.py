@@ -1,0 +1,148 @@
+"""Cuts recordings: copies messages byte for byte. Each part begins with a key frame, so that it decodes alone."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import BinaryIO, NamedTuple
+
+from lidarcodec import wire
+from lidarcodec.commands.cut.parts import Cut, say, write
+from lidarcodec.commands.selecting import Selection
+from lidarcodec.errors import DecodeError, SettingsError, SourceError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import Whole
+from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.layout import MESSAGE_ENCODING, PACKET_ENCODING
+from lidarcodec.recording.records import Channel, Stored
+
+
+class Unit(NamedTuple):
+    """A message of frames, or a batch of packets. key: whether it needs no other one;  frames: how many it has"""
+
+    stamp_ns: int
+    key: bool
+    frames: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which units are copied, and where parts begin. starts: numbers of the first units of all parts;  end: the number
+    after the last unit;  earlier: frames before the wanted ones"""
+
+    starts: tuple[int, ...]
+    end: int
+    earlier: int
+
+    def part(self, unit: int) -> int | None:
+        """The part of a unit; None if it is not copied."""
+        if not self.starts or not self.starts[0] <= unit < self.end:
+            return None
+        return bisect(self.starts, unit) - 1
+
+
+def run(wanted: Cut) -> None:
+    """Copy messages, and the points and poses recorded with them, into one recording or into parts."""
+    with open_regular(wanted.source) as handle:
+        reader = RecordingReader(handle)
+        if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
+            raise SourceError(
+                f"{wanted.source} is not a recording of lidarcodec: `lidarcodec convert` takes a part of it, too"
+            )
+        plan = planned(_units(reader), wanted.selection, wanted.every_ns)
+        for number in range(1, len(plan.starts)):
+            if wanted.name(number).exists() and not wanted.force:
+                raise SettingsError(f"{wanted.name(number)} exists: choose another name, or use --force", "force")
+
+        def write_part(_: Whole, to: BinaryIO, part: Iterable[tuple[Channel, Stored]]) -> int:
+            about = {name: text for name, text in reader.metadata.items() if name != "joined"}
+            clouds = any("/points" in channel.topic for channel in reader.channels.values())
+            writer = RecordingWriter(to, about["vehicle"], about["sensor"], None, about, clouds=clouds)
+            count = 0
+            for channel, stored in part:
+                writer.copy(channel, reader.schemas.get(channel.schema, ""), stored)
+                count += 1
+            writer.close()
+            return count
+
+        copied = RecordingReader(handle, warn=False)
+        written, count = write(wanted, _numbered(copied, plan), write_part)
+    say(wanted, written, [], count, "messages", plan.earlier)
+
+
+def _is_unit(channel: Channel) -> bool:
+    return channel.encoding in (MESSAGE_ENCODING, PACKET_ENCODING)
+
+
+def _units(reader: RecordingReader) -> list[Unit]:
+    found = []
+    for channel, stored in reader.everything():
+        if channel.encoding == PACKET_ENCODING:
+            found.append(Unit(stored.log_time, True, 0))
+        elif channel.encoding == MESSAGE_ENCODING:
+            try:
+                header = wire.peek(stored.data(wire.HEADER_BYTES))
+            except DecodeError:
+                found.append(Unit(stored.log_time, False, 0))
+            else:
+                found.append(Unit(stored.log_time, header.key, header.frame_count))
+    return found
+
+
+def planned(units: Sequence[Unit], selection: Selection, every_ns: int | None) -> Plan:
+    """The plan of a cut. It begins with the last key frame at or before the first wanted frame, or else with the first
+    key frame.
+
+    Raises SettingsError if frames are counted and there are none.
+
+    >>> units = [Unit(n * 10**8, n % 2 == 0, 1) for n in range(6)]
+    >>> planned(units, Selection(skip=3, frames=2), None)
+    Plan(starts=(2,), end=5, earlier=1)
+    >>> planned(units, Selection(begin="0.2"), 2 * 10**8).starts
+    (2, 4)
+    """
+    if (selection.skip or selection.frames is not None) and units and not any(unit.frames for unit in units):
+        raise SettingsError("--frames and --skip count frames of messages, but this recording has packets", "frames")
+    wanted = [number for number, _ in _chosen(units, selection)]
+    if not wanted:
+        return Plan((), 0, 0)
+    first, end = wanted[0], wanted[-1] + 1
+    keys = [number for number in range(end) if units[number].key]
+    start = max((number for number in keys if number <= first), default=keys[0] if keys else end)
+    starts, part_ns = [start], units[start].stamp_ns
+    for number in keys if every_ns is not None else ():
+        if number > start and every_ns is not None and units[number].stamp_ns - part_ns >= every_ns:
+            starts.append(number)
+            part_ns = units[number].stamp_ns
+    if start >= end:
+        return Plan((), 0, 0)
+    return Plan(tuple(starts), end, sum(unit.frames for unit in units[start:first]))
+
+
+class _Counted(NamedTuple):
+    stamp_ns: int
+    number: int
+
+
+def _chosen(units: Sequence[Unit], selection: Selection) -> Iterator[tuple[int, Unit]]:
+    """Units with a wanted frame. A unit of several frames is taken whole."""
+    passed = 0
+    for one in selection.in_time(_Counted(unit.stamp_ns, number) for number, unit in enumerate(units)):
+        unit = units[one.number]
+        after = passed + unit.frames
+        if selection.frames is not None and passed >= selection.skip + selection.frames:
+            return
+        if after > selection.skip or (not unit.frames and passed >= selection.skip):
+            yield one.number, unit
+        passed = after
+
+
+def _numbered(reader: RecordingReader, plan: Plan) -> Iterator[tuple[int, tuple[Channel, Stored]]]:
+    """Every message that is copied, with the number of its part. Points and poses belong to the unit before them."""
+    unit = -1
+    for channel, stored in reader.everything():
+        unit += _is_unit(channel)
+        part = plan.part(unit)
+        if part is not None:
+            yield part, (channel, stored)
