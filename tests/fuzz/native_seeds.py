@@ -17,10 +17,9 @@ import numpy.typing as npt
 from lidarcodec import _native
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.pcodec import compress_groups
-from lidarcodec.entropy import encode_azimuth, fast, plane_coder
-from lidarcodec.entropy.varint import put_signed, put_varint
+from lidarcodec.entropy import encode_azimuth, fast
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
-from tests.fuzz import extremes, session_seeds
+from tests.fuzz import extremes, other_seeds, session_seeds
 from tests.fuzz.inside_others import damaged_json
 from tests.sensors.ouster_packets import PIXELS, as_json, flat_metadata, nested_metadata
 
@@ -295,61 +294,10 @@ def metadata(rng: np.random.Generator) -> Iterator[bytes]:
                 yield damaged_json(whole, numbers)
 
 
-class _Form(NamedTuple):
-    name: str
-    bits: int
-    role: str
-    of: str = "range"
-
-
-_PLANES = (
-    _Form("range", 20, "range"),
-    _Form("range2", 20, "second range"),
-    _Form("intensity", 8, "attribute"),
-    _Form("intensity2", 8, "attribute", "range2"),
-    _Form("signal", 16, "attribute"),
-)
-_PLANE_KINDS = ((0, 19), (4, 19), (2, 7), (38, 7), (2, 15))
-"""Role, likeness and range plane of each of them, and its bits, as fuzz_images reads them."""
-
-
-def _moved(following: bytes, columns: int) -> bytes:
-    """A frame after another one of as many columns, by a sensor that drove ahead and turned a little."""
-    directions = bytearray([6])
-    for number in (1 << 30, 1, columns - 1, (1 << 32) // columns >> 5):
-        put_varint(directions, number)
-    for part in (-90, 40, 600, -5700, 3, -8):
-        put_signed(directions, part)
-    return following[:4] + bytes(directions) + following[5:]
-
-
-def planes(rng: np.random.Generator) -> Iterator[bytes]:
-    """For fuzz_images: a dual frame as it is coded, of all sizes and steps, alone and after another, and numbers to be
-    coded."""
-    for rows, columns in ((0, 0), (1, 1), (1, 24), (8, 1), (5, 9), (8, 24)):
-        for step in (1, 3, 127):
-            for most in (1, 2, 300, 2**20):
-                head = struct.pack(">B3H2B", 0, rows, columns, step // 2, 0, len(_PLANES) - 1)
-                head += b"".join(struct.pack("2B", *kind) for kind in _PLANE_KINDS)
-                shape = (rows, columns)
-                images = {of.name: rng.integers(0, min(most, 1 << of.bits), shape, np.uint32) for of in _PLANES}
-                images["range2"] = np.where(rng.random(shape) < 0.9, images["range"], images["range2"])
-                for quick in (False, True):
-                    shift = np.zeros(rows, np.int32)
-                    yield head + plane_coder.encode_planes(_PLANES, images, shift, step, quick=quick)
-                if step > 1 or most < 2**20:  # a frame after another, as it is coded
-                    memory, runs = plane_coder.PlaneMemory(), np.array([[columns, 0]], np.uint32)
-                    memory.encode(_PLANES, images, shift, step)
-                    following = memory.encode(_PLANES, images, shift, step, runs[: columns > 0])
-                    yield bytes([64 + 16]) + head[1:] + following
-                    if rows > 1 and columns > 1:
-                        yield bytes([64 + 16]) + head[1:] + _moved(following, columns)
-                for kind in (1, 2 + 8, 16, 16 + 32 + 4, 64, 64 + 4 + 8, 64 + 32, 64 + 32 + 128):
-                    yield bytes([kind]) + head[1:] + rng.integers(0, min(most, 256), 200, np.uint8).tobytes()
-
-
 HARNESSES = {
-    "fuzz_images": planes,
+    "fuzz_clouds": other_seeds.clouds,
+    "fuzz_images": other_seeds.planes,
+    "fuzz_plane_motion": other_seeds.plane_motions,
     "fuzz_mask": masks,
     "fuzz_keep": keeps,
     "fuzz_intensity": intensities,
