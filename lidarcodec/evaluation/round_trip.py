@@ -24,7 +24,7 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.planes.attribute_values import AttributeQuality
-from lidarcodec.planes.clouds.section import same_but_near
+from lidarcodec.planes.clouds.comparison import same_but_near
 from lidarcodec.planes.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.settings import AUTO, StreamSettings, step_of

@@ -15,7 +15,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.packet import Packet
 from lidarcodec.planes.attribute_values import AttributeQuality
-from lidarcodec.planes.clouds.section import point_errors
+from lidarcodec.planes.clouds.comparison import point_errors
 from lidarcodec.sensors.clouds.message import read_message
 
 

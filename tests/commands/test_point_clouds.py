@@ -11,7 +11,7 @@ import pytest
 
 from lidarcodec.commands.outputs.base import WIDE
 from lidarcodec.image_frame import cloud_frame
-from lidarcodec.planes.clouds.section import same_but_near
+from lidarcodec.planes.clouds.comparison import same_but_near
 from lidarcodec.recording import RosbagWriter
 from lidarcodec.sensors.clouds.message import read_message
 from lidarcodec.sensors.clouds.sensor import cloud_sensor

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 import zstandard
 
+from lidarcodec import _native
+from lidarcodec.entropy import fast
+from lidarcodec.entropy.varint import VarintReader
 from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.image_frame import cloud_frame
+from lidarcodec.planes.clouds.column_decoder import decode_column
+from lidarcodec.planes.clouds.columns import Image, Way, put_sized
+from lidarcodec.planes.clouds.comparison import same_but_near
 from lidarcodec.planes.clouds.geometry import cosine_sine, from_ordered, ordered
-from lidarcodec.planes.clouds.section import COLUMNS, ZSTD, bound_of_cloud, decode_cloud, encode_cloud, same_but_near
+from lidarcodec.planes.clouds.section import COLUMNS, ZSTD, CloudBefore, bound_of_cloud, decode_cloud, encode_cloud
 from lidarcodec.planes.plane_section import PlaneKind
 from lidarcodec.sensors.clouds.grid import grid_of, places_of
 from lidarcodec.sensors.clouds.message import read_head, read_message
@@ -256,3 +262,37 @@ def test_numbers_that_are_none_are_no_returns_and_warn_of_nothing(pattern):
     frame = cloud_frame(0, 0, data, cloud_sensor([data]))
     assert frame.points <= len(points) - 3
     assert len(frame.cloud("all")) == len(points) - 3
+
+
+@pytest.mark.parametrize("bound_m", [None, 0.02])
+def test_coordinates_that_a_broken_coder_wrote_do_not_leave_the_encoder(monkeypatch, bound_m):
+    payloads = [message(velodyne(60, seed=seed)) for seed in range(18)]
+    coder = _native.encode_points
+
+    def broken(*given):
+        data, *others = coder(*given)
+        return (bytes([*data[:-1], data[-1] ^ 1]), *others)
+
+    before = CloudBefore()
+    made = [encode_cloud(payloads[0], PlaneKind.QUICK, bound_m, before)]
+    monkeypatch.setattr(_native, "encode_points", broken)
+    made += [encode_cloud(one, PlaneKind.QUICK, bound_m, before) for one in payloads[1:]]
+    alone = encode_cloud(payloads[1], PlaneKind.QUICK, bound_m)
+    assert decode_cloud(alone).payload == payloads[1]
+    assert made[0][0] == COLUMNS
+    assert [one[0] for one in made[16:]] == [ZSTD, ZSTD]  # one in sixteen is decoded, and all behind a wrong one
+    assert decode_cloud(made[17]).payload == payloads[17]
+
+
+def test_sums_of_the_least_number_of_64_bits_are_refused():
+    frame_grid = grid_of(read_message(message(velodyne(12, 8))))
+    nothing = np.zeros(len(frame_grid.row), np.int64)
+    data = bytearray(8)
+    for count, number in ((frame_grid.columns, -(2**63)), (frame_grid.rows, -1)):
+        coded = fast.encode_signed((np.full(count, number),))
+        data += bytes(3)  # numbers as they are, of a level line at 0
+        put_sized(data, coded)
+    put_sized(data, b"\0")
+    image = Image(frame_grid, None, nothing, nothing)
+    with pytest.raises(SectionError, match="60 bits"):
+        decode_column(Way.SUMS, VarintReader(bytes(data)), np.dtype("<i8"), len(nothing), image, None)

@@ -85,7 +85,7 @@ def _left(reader: VarintReader) -> bytes:
 def _read_sums(reader: VarintReader, grid: Grid) -> tuple[Numbers, Numbers]:
     """The numbers of columns, (W,), and of rows, (H,)."""
     by_column, by_row = read_line(reader, grid.columns), read_line(reader, grid.rows)
-    if max(int(np.abs(part).max(initial=0)) for part in (by_column, by_row)) >= WIDEST:
+    if any(int(part.min(initial=0)) <= -WIDEST or int(part.max(initial=0)) >= WIDEST for part in (by_column, by_row)):
         raise SectionError("a number of a column or row beyond 60 bits")
     return by_column, by_row
 

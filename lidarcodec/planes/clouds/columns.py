@@ -174,7 +174,7 @@ def numbers_of(values: Values) -> Numbers | None:
         return values.astype(np.int64)
     bits = values.view(np.int64)
     steps: Numbers = bits - bits[:1]
-    return None if len(steps) and int(np.abs(steps).max()) >= WIDEST else steps
+    return steps if -WIDEST < int(steps.min(initial=0)) and int(steps.max(initial=0)) < WIDEST else None
 
 
 def encode_column(values: Values, image: Image, before: Coded | None = None) -> Coded:
