@@ -246,6 +246,14 @@ _FIELDS: Final[dict[str, Check]] = {
         )
     ),
     "recording": or_null(record(file=_long, stopped=_long, counts=named(count))),
+    "past": or_null(
+        record(
+            **dict.fromkeys(("max_bytes", "bytes", "marks", "marked_bytes"), count),
+            **dict.fromkeys(("from_ns", "to_ns"), _any_count),
+            stopped=_long,
+            counts=named(count),
+        )
+    ),
     "reports": _receivers,
 }
 

@@ -11,8 +11,9 @@ import pytest
 from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.marks import Mark
 from lidarcodec.wire import peek
-from lidarcodec_server.past import fetches
+from lidarcodec_server.past import fetches, marked
 from lidarcodec_server.tokens import create_token
 from tests.apps.past.kept_drive import KEYS, SMALL, big, ring
 from tests.apps.streams import START_NS, Loop
@@ -204,6 +205,29 @@ async def test_marks_are_set_told_fetched_and_released(serving, keeping, tmp_pat
         assert (await client.delete(mark)).status_code == 204
         assert (await client.delete(mark)).status_code == 404
         assert sorted(await actions(client)) == ["mark", "mark", "mark-release", "mark-release"]
+
+
+async def test_a_mark_that_a_vehicle_tells_of_is_fetched_once(serving, keeping, monkeypatch):
+    monkeypatch.setattr(marked, "LOOK_S", 0.1)
+    car = keeping()
+    kept = car._keeper.kept
+    kept.mark(Mark("status-1", START_NS, START_NS + 10**9, "worker_restarts grows", "status", START_NS))
+    kept.look()
+    async with serving() as client:
+
+        async def complete():
+            return [one for one in (await client.get(FETCHES)).json() if one["state"] == "complete"]
+
+        (told,) = await until(complete)
+        assert (told["by"], told["from_ns"]) == ("mark status-1", START_NS)
+        kept.mark(Mark("status-2", START_NS + 10**9, START_NS + 2 * 10**9, "", "status", START_NS))
+        kept.look()
+
+        async def both():
+            return len(await complete()) == 2
+
+        await until(both)
+        assert await actions(client) == []
 
 
 async def test_viewers_get_clips_that_are_here_and_begin_nothing(serving, keeping):

@@ -13,16 +13,19 @@ import re
 import threading
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.past.conditions import conditions_of
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RotatingRecorder
+from lidarcodec.recording.marks import Mark
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import pack
@@ -39,6 +42,10 @@ KEY_S: Final = 1.0
 SYNC_S: Final = 0.5
 LOOK_S: Final = 5.0
 """Interval at which the totals for the status are counted."""
+WATCH_S: Final = 1.0
+"""Interval at which conditions are looked at."""
+MARK_NS: Final = 15 * 10**9
+"""A condition marks so much before and after the moment at which it came true."""
 AGAIN_S: Final = 30.0
 """After an error of the disk, interval of attempts to keep again."""
 CLOSE_LIMIT_S: Final = 10.0
@@ -65,24 +72,32 @@ def bytes_of(text: str) -> int:
 
 @dataclass(frozen=True)
 class Keep:
-    """How much of a sensor is kept, and where. max_bytes: size of its files, marked ones among them"""
+    """How much of a sensor is kept, and where.
+
+    max_bytes: size of its files, marked ones among them
+    mark_when: conditions on the status that mark the time around them (`conditions.Condition`)
+    """
 
     folder: Path
     max_bytes: int
+    mark_when: tuple[str, ...] = ()
 
 
 class Keeper:
     """Keeps offered frames. `kept` answers questions about them. Thread-safe.
 
+    status: gives the status that conditions are about; set it before `start`
     counts: `dropped` (disk or processor too slow), `errors`, `unwritten` (frames that still waited at `close`), and the
             counts of the RotatingRecorder, among them `deleted for a full disk`
     """
 
     def __init__(self, keep: Keep, keys: StreamKeys) -> None:
-        """Raises SettingsError for a size that is too small."""
+        """Raises SettingsError for a size that is too small, and for conditions that are none."""
         if keep.max_bytes < MIN_BYTES:
             raise SettingsError(f"keep at least {MIN_BYTES} bytes, not {keep.max_bytes}", "keep")
         self.keep, self.keys = keep, keys
+        self.status: Callable[[], dict[str, Any]] = dict
+        self._conditions = conditions_of(keep.mark_when)
         self.kept = Kept(keep.folder, keys, keep.max_bytes)
         self._files = self._recorder()
         self._queue: deque[Frame] = deque()
@@ -92,7 +107,7 @@ class Keeper:
         self._earlier: Counter[str] = Counter()
         self._encoder: StreamEncoder | None = None
         self._key_ns: int | None = None
-        self._synced_s = self._looked_s = float("-inf")
+        self._synced_s = self._looked_s = self._watched_s = float("-inf")
         self._thread = threading.Thread(target=self._run, name="lidarcodec keeper", daemon=True)
 
     def start(self) -> None:
@@ -183,6 +198,16 @@ class Keeper:
             self._files.write(pack(message))
             self.kept.growing = self._files.path
 
+    def _watch(self) -> None:
+        """Mark the time around each condition that came true. Raises SettingsError, SourceError if it cannot."""
+        status = self.status()
+        came = [condition.text for condition in self._conditions if condition.came(status)]
+        if came:
+            at_ns = time.time_ns()
+            mark = Mark(f"status-{at_ns}", at_ns - MARK_NS, at_ns + MARK_NS, came[0], "status", at_ns)
+            self.kept.mark(mark)
+            logger.info("%s: marked, because %s", self.keys.prefix, came[0])
+
     def _look_after(self, now: float) -> None:
         if now - self._synced_s >= SYNC_S:
             self._synced_s = now
@@ -190,3 +215,6 @@ class Keeper:
         if now - self._looked_s >= LOOK_S:
             self._looked_s = now
             self.kept.look()
+        if self._conditions and now - self._watched_s >= WATCH_S:
+            self._watched_s = now
+            self._watch()

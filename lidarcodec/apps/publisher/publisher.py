@@ -171,6 +171,7 @@ class Publisher:
         if self._recorder is not None:
             self._recorder.start()
         if self._keeper is not None:
+            self._keeper.status = self.status
             self._keeper.start()
         self._coding.start()
         for thread in self._threads:

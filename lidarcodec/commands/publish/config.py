@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from lidarcodec.apps.health import health_file_or_nothing
+from lidarcodec.apps.past.conditions import conditions_of
 from lidarcodec.apps.past.keeper import Keep, bytes_of
 from lidarcodec.apps.publisher.publisher import Rate
 from lidarcodec.apps.recorder import Record, RecordAs
@@ -51,16 +52,26 @@ class RecordConfig(_Strict):
 
 
 class KeepConfig(_Strict):
-    """What the vehicle keeps exactly. size: for example `64GB`"""
+    """What the vehicle keeps exactly. size: for example `64GB`;  mark_when: as `--mark-when`"""
 
     folder: Path
     size: str
+    mark_when: tuple[str, ...] = ()
 
     @field_validator("size")
     @classmethod
     def _size(cls, value: str) -> str:
         try:
             bytes_of(value)
+        except SettingsError as error:
+            raise ValueError(str(error)) from None
+        return value
+
+    @field_validator("mark_when")
+    @classmethod
+    def _mark_when(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        try:
+            conditions_of(value)
         except SettingsError as error:
             raise ValueError(str(error)) from None
         return value
@@ -134,7 +145,7 @@ class SensorConfig(_Strict):
             rate=rate,
             with_poses=self.poses is not None,
             record=None if record is None else Record(record.folder, record.form, record_limits(record.gb)),
-            keep=None if keep is None else Keep(keep.folder, bytes_of(keep.size)),
+            keep=None if keep is None else Keep(keep.folder, bytes_of(keep.size), keep.mark_when),
             original=self.original,
         )
 

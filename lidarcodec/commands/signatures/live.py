@@ -99,6 +99,14 @@ def publish(
         Path | None,
         Option("--keep-dir", metavar="DIR", help="Folder for --keep. Default: in the user's state folder."),
     ] = None,
+    mark_when: Annotated[
+        list[str] | None,
+        Option(
+            "--mark-when",
+            metavar="CONDITION",
+            help="Do not overwrite what was kept around such an event, such as 'worker_restarts grows'. Repeatable.",
+        ),
+    ] = None,
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: Annotated[
@@ -150,7 +158,7 @@ def publish(
                 "SOURCE": source, "--sensor": sensor, "--link": link, "--codec": codec, "--set": pairs,
                 "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
                 "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
-                "--keep": keep, "--keep-dir": keep_dir,
+                "--keep": keep, "--keep-dir": keep_dir, "--mark-when": mark_when,
                 "--calibration": calibration, "--model": model, "--poses": poses, "--original": original,
                 "--loop": loop,
             }
@@ -162,14 +170,14 @@ def publish(
         raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
     if record is None and (record_as is not None or record_gb is not None):
         raise SettingsError("--record-as and --record-gb need --record DIR", "record")
-    if keep is None and keep_dir is not None:
-        raise SettingsError("--keep-dir needs --keep SIZE", "keep")
+    if keep is None and (keep_dir is not None or mark_when):
+        raise SettingsError("--keep-dir and --mark-when need --keep SIZE", "keep")
     command.run(
         of_model(source, model), vehicle, sensor or "lidar", codec,
         reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
-        record, record_as or "packets", 8.0 if record_gb is None else record_gb, keep, keep_dir, calibration, poses,
-        health_file, original, weights_dir, link, loop, as_json,
+        record, record_as or "packets", 8.0 if record_gb is None else record_gb, keep, keep_dir, tuple(mark_when or ()),
+        calibration, poses, health_file, original, weights_dir, link, loop, as_json,
     )  # fmt: skip
 
 

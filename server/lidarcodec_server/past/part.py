@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.past.clips import Clips
 from lidarcodec_server.past.fetches import Fetches
+from lidarcodec_server.past.marked import Marked
 from lidarcodec_server.service import Service
 
 
@@ -22,7 +23,10 @@ async def past(app: FastAPI) -> AsyncIterator[None]:
     fetches = Fetches(Clips(config.past, config.max_past_bytes), lambda: service.transport)
     app.state.fetches = fetches
     await run_in_threadpool(fetches.start)
+    marked = Marked(service.fleet, fetches, lambda: service.transport, config.answer_s)
+    marked.start()
     try:
         yield
     finally:
+        await run_in_threadpool(marked.close)
         await run_in_threadpool(fetches.close)

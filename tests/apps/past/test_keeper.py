@@ -127,3 +127,22 @@ def test_a_folder_that_cannot_be_used_stops_the_keeping_and_says_why(tmp_path: P
     keeper = kept(in_the_way, 3)
     assert keeper.state()["stopped"] is not None
     assert keeper.kept.spans() == []
+
+
+def test_a_condition_on_the_status_marks_the_time_around_it_once(tmp_path: Path) -> None:
+    keeper = Keeper(Keep(tmp_path, SMALL, ("worker_restarts grows", "flight.in_flight > 3")), KEYS)
+    status: dict[str, object] = {"worker_restarts": 0, "flight": {"in_flight": 1}}
+    keeper.status = lambda: dict(status)
+    keeper._watch()
+    status["worker_restarts"] = 1
+    for _ in range(3):
+        keeper._watch()
+    (mark,) = keeper.kept.marks
+    assert (mark.reason, mark.by, mark.to_ns - mark.from_ns) == ("worker_restarts grows", "status", 30 * 10**9)
+    assert mark.from_ns < mark.at_ns < mark.to_ns
+
+
+@pytest.mark.parametrize("text", ["", "x", "x > y", "x > 1 > 2", "x ! 3", "> 3", "x grows more", "x" * 300 + " grows"])
+def test_conditions_that_are_none(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SettingsError, match="is no condition"):
+        Keeper(Keep(tmp_path, SMALL, (text,)), KEYS)

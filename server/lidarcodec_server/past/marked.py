@@ -1,0 +1,101 @@
+"""Marked: fetches the clips of marks that vehicles tell of, so that they are here if the vehicle is lost."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+from lidarcodec.apps.past.plan import Clip
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.recording.marks import MAX_MARKS
+from lidarcodec.settings import is_name
+from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec_server.fleet.fleet import Fleet
+from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.past.fetches import Fetches
+
+logger = logging.getLogger(__name__)
+
+LOOK_S: Final = 5.0
+MAX_ANSWER: Final = 2**18
+CLOSE_S: Final = 6.0
+
+
+class Marked:
+    """Looks at the status of all vehicles, and asks those whose number of marks has changed.
+
+    A clip that was fetched, or could not be, is not fetched again.
+    """
+
+    def __init__(self, fleet: Fleet, fetches: Fetches, transport: Callable[[], Transport], answer_s: float) -> None:
+        self._fleet, self._fetches, self._transport, self._answer_s = fleet, fetches, transport, answer_s
+        self._told: dict[StreamKeys, int] = {}
+        self._warnings = SparseLog(logger)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="lidarcodec server marks", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End. A second call does nothing."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_S)
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_S):
+            streams = self._fleet.streams()
+            self._told = {one.keys: self._told[one.keys] for one in streams if one.keys in self._told}
+            for stream in streams:
+                marks = _marks_in(stream.status) if stream.alive else None
+                if marks is not None and marks != self._told.get(stream.keys, 0):
+                    try:
+                        self._fetch(stream.keys)
+                        self._told[stream.keys] = marks
+                    except LidarCodecError as error:
+                        self._warnings.warning("%s: marks cannot be fetched yet: %s", stream.keys.prefix, error)
+                    except Exception:
+                        logger.exception("%s: marks cannot be fetched", stream.keys.prefix)
+
+    def _fetch(self, keys: StreamKeys) -> None:
+        """Begin to fetch the clips of all marks that are new. Raises LidarCodecError if that must be tried again."""
+        question = json.dumps({"ask": "spans"}).encode()
+        data = self._transport().ask(keys.past, question, self._answer_s, beside=True)
+        try:
+            told: Any = {} if data is None else read_object(data, MAX_ANSWER).get("marks")
+        except JsonRefusedError as error:
+            raise LidarCodecError(f"its answer cannot be read: {error}") from None
+        if not isinstance(told, list):
+            raise LidarCodecError("it does not answer")
+        known = {record.clip for record in self._fetches.all()}
+        for mark in told[:MAX_MARKS]:
+            clip = _clip_of(keys, mark)
+            if clip is not None and clip not in known:
+                self._fetches.begin(clip, f"mark {mark['name']}", stays=True)
+
+
+def _marks_in(status: dict[str, Any] | None) -> int | None:
+    """Number of marks by a vehicle's status; None if it keeps nothing."""
+    past = None if status is None else status.get("past")
+    marks = past.get("marks") if isinstance(past, dict) else None
+    return marks if isinstance(marks, int) and not isinstance(marks, bool) else None
+
+
+def _clip_of(keys: StreamKeys, mark: Any) -> Clip | None:
+    """The clip of a mark; None if a vehicle tells something else."""
+    if not isinstance(mark, dict) or not is_name(str(mark.get("name"))):
+        return None
+    from_ns, to_ns = mark.get("from_ns"), mark.get("to_ns")
+    if not isinstance(from_ns, int) or not isinstance(to_ns, int):
+        return None
+    try:
+        return Clip(keys, from_ns, to_ns)
+    except LidarCodecError:
+        return None
