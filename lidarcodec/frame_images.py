@@ -20,10 +20,12 @@ INTENSITY: Final = "intensity"
 
 
 def layout_of(frame: Frame) -> tuple[Sensor, PacketLayout] | None:
-    """Sensor and layout of a frame's images; None if all of its packets are odd."""
+    """Sensor and layout of a frame's images; None of an HDL-64E, and if all of its packets are odd."""
     rest = frame.side
+    if not isinstance(rest, PacketRest) or not rest.layout:
+        return None
     family = sensor_of(frame.sensor)
-    if family is None or not isinstance(rest, PacketRest) or not rest.layout:
+    if family is None:
         return None
     layout = family.named_layout(rest.layout)
     if layout is None:
