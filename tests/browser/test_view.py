@@ -134,6 +134,17 @@ def test_a_point_that_is_clicked_shows_its_fields_and_two_of_them_their_distance
     expect(panel).to_be_hidden()
 
 
+def test_a_picture_can_be_saved_and_says_what_it_shows(page):
+    with page.expect_download(timeout=1000 * LIMIT_S) as saved:
+        page.get_by_role("button", name="Save picture").click()
+    assert re.fullmatch(r"car-7_lidar_\d+\.png", saved.value.suggested_filename)
+    image = np.asarray(PIL.Image.open(saved.value.path()).convert("RGB"))
+    box = page.locator("canvas.lidar-canvas").bounding_box()
+    assert image.shape[0] > box["height"], "there is a caption below"
+    assert lively(image[: int(box["height"])]) > 0.02, "the points are in it"
+    assert np.ptp(image[int(box["height"]) :].astype(int)) > 60, "the caption has letters"
+
+
 def test_the_camera_follows_the_keys_and_the_picture_stays_live(page):
     before = page.title()
     canvas = page.locator("canvas.lidar-canvas")

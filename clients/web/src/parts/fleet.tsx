@@ -86,7 +86,7 @@ function Row({ row }: { row: FleetRow }) {
             <span title="Median latency, from a frame's last packet to the decoded frame">{ms(row.latency_ms)}</span>
             <span title="Frames replaced by newer ones before they were sent">
               {count(row.replaced)}
-              <span class="unit"> repl.</span>
+              <span class="unit"> replaced</span>
             </span>
           </>
         ) : (

@@ -15,7 +15,7 @@ export function Header() {
       {who?.token_needed ? (
         <>
           <span class="who">
-            {who.name} <span class="chip">{who.role}</span>
+            signed in as {who.name} <span class="chip">{who.role}</span>
           </span>
           <button type="button" class="small" onClick={() => signOut(null)}>
             Sign out
@@ -23,7 +23,7 @@ export function Header() {
         </>
       ) : (
         <span class="chip" title="There is no token yet: anybody on this machine can change everything">
-          no sign-in
+          open to this machine
         </span>
       )}
     </header>

@@ -3,6 +3,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { fetchFile, Problem } from "../model/api";
 import { bytes, clock, count, moment } from "../model/format";
 import { type Poller, poll } from "../model/poll";
+import { saveAs } from "../model/saving";
 import type { Playing, Recording } from "../model/wire";
 import { call, choose, chosen, chosenRow, mayChange, nameOf, pathOf, refreshFleet, rows, token } from "../state";
 import { Button } from "./button";
@@ -192,11 +193,7 @@ function Download({ one }: { one: Recording }) {
         here.value = bytes;
       };
       const file = await fetchFile(`api/v1/recordings/${one.id}/download`, token.value, tell, stop.signal);
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(file);
-      link.download = `${one.vehicle}_${one.sensor}_${one.id}.mcap`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+      saveAs(file, `${one.vehicle}_${one.sensor}_${one.id}.mcap`);
     } catch (error) {
       if (!stop.signal.aborted) problem.value = error instanceof Problem ? error.detail : String(error);
     } finally {

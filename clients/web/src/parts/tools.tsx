@@ -1,4 +1,5 @@
 import type { Camera, Colour, ViewOptions } from "../view";
+import { Button } from "./button";
 
 const COLOURS: Colour[] = ["height", "intensity", "distance", "ring"];
 const CAMERAS: Camera[] = ["orbit", "follow"];
@@ -9,11 +10,13 @@ export function ViewTools({
   set,
   fillGaps,
   setFillGaps,
+  savePicture,
 }: {
   options: ViewOptions;
   set: (changed: Partial<ViewOptions>) => void;
   fillGaps: boolean;
   setFillGaps: (on: boolean) => void;
+  savePicture: () => void;
 }) {
   return (
     <fieldset class="tools" aria-label="View options">
@@ -60,6 +63,9 @@ export function ViewTools({
       <Check text="Compare" on={options.compare} set={(on) => set({ compare: on })} />
       <Check text="Measure" on={options.measure} set={(on) => set({ measure: on })} />
       <Check text="Decode here" on={options.decodeInBrowser} set={(on) => set({ decodeInBrowser: on })} />
+      <Button look="small" press={savePicture}>
+        Save picture
+      </Button>
     </fieldset>
   );
 }

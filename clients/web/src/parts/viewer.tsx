@@ -1,6 +1,8 @@
 import { useEffect, useRef } from "preact/hooks";
+import { captionOf, pictureName } from "../model/caption";
 import { count, ms } from "../model/format";
 import { noticeOf } from "../model/notice";
+import { saveAs } from "../model/saving";
 import { titleOf } from "../model/title";
 import {
   chosen,
@@ -53,9 +55,24 @@ export function Viewer() {
     view.current?.set({ ...options.value, fillGaps: fillGaps.value });
   }, [options.value, fillGaps.value]);
 
+  async function savePicture() {
+    const told = stats.value;
+    if (key === null || told === null) return;
+    const [, notice] = noticeOf(told, key, rows.value, chosenRow.value);
+    const codec = chosenRow.value?.codec ?? null;
+    const picture = await view.current?.picture((stampMs) => captionOf(key, told, codec, stampMs, notice));
+    if (picture) saveAs(picture, pictureName(key, told.frameIndex));
+  }
+
   return (
     <main class="viewer" aria-label="Live view">
-      <ViewTools options={options.value} set={setOptions} fillGaps={fillGaps.value} setFillGaps={setFillGaps} />
+      <ViewTools
+        options={options.value}
+        set={setOptions}
+        fillGaps={fillGaps.value}
+        setFillGaps={setFillGaps}
+        savePicture={() => void savePicture()}
+      />
       <Missed />
       <div class="stage">
         <div class="host" ref={host} />

@@ -5,6 +5,7 @@ import { type Comparison, compared, ErrorScale } from "./compare";
 import { Camera } from "./draw/camera";
 import { Controls } from "./draw/controls";
 import { Overlay } from "./draw/overlay";
+import { captioned } from "./draw/picture";
 import { Renderer, type Scene } from "./draw/renderer";
 import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
@@ -167,6 +168,13 @@ export class LiveView implements View, Sink {
 
   onstats(callback: (stats: ViewStats) => void): void {
     this.#tell = callback;
+  }
+
+  async picture(caption: (stampMs: number) => string): Promise<Blob | null> {
+    if (!this.#renderer || !this.#last || !this.#size()) return null;
+    this.#draw(this.#renderer);
+    this.#wake();
+    return captioned(this.#canvas, caption(this.#last.frame.stampMs), this.#theme.theme, this.#scene.ratio);
   }
 
   dispose(): void {

@@ -77,6 +77,8 @@ export interface View {
   set(options: Partial<ViewOptions>): void;
   /** Calls back when anything changed, at most ten times a second. */
   onstats(callback: (stats: ViewStats) => void): void;
+  /** The view as it is now, as a PNG with a caption; null before the first frame. caption: from the frame's stamp */
+  picture(caption: (stampMs: number) => string): Promise<Blob | null>;
   /** Free everything; the host is empty afterwards. */
   dispose(): void;
 }

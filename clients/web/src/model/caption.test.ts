@@ -1,0 +1,13 @@
+import { expect, test } from "vitest";
+import { captionOf, pictureName } from "./caption";
+
+test("a saved picture says what it shows, when, and what of it was not measured", () => {
+  const told = { points: 105_147, madeUp: 4000, frameIndex: 7 };
+  expect(captionOf("car-7/lidar", told, "pcodec", 1.767e12, "")).toBe(
+    "car-7/lidar · 2025-12-29 09:20:00.000Z · frame 7 · pcodec · 105,147 points measured · 4,000 filled in",
+  );
+  expect(captionOf("car-7/lidar", { ...told, madeUp: 0 }, null, 0, "last frame 9 s ago")).toMatch(
+    /frame 7 · 105,147 points measured · last frame 9 s ago$/,
+  );
+  expect(pictureName("car-7/lidar", 7)).toBe("car-7_lidar_7.png");
+});
