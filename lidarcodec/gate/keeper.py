@@ -218,7 +218,7 @@ class Keeper:
         if passage.counts_as_failing and passage.left:
             return self._end(passage, "left")
         if passage.ending and passage.ended_s is None:
-            passage.ended_s = now_s
+            passage.ended_s, passage.sent_away = now_s, not passage.left
         if passage.stage is Stage.WAITING:
             passage.hello_s = now_s
             self._waiting[id(passage)] = passage
@@ -296,7 +296,10 @@ class Keeper:
         stage, address, now_s = passage.stage, passage.address, self._clock()
         if stage is Stage.CLOSED:
             return
+        refused = self._is_refused(passage)
         passage.close(reset=stage is not Stage.OPEN)
+        if refused:
+            self._failed(address, now_s)
         if stage is Stage.OPEN:
             del self._open[id(passage)]
             address.open -= 1
@@ -311,9 +314,19 @@ class Keeper:
         if passage.counts_as_failing:
             address.at_zenoh -= 1
         if passage.counts_as_failing and cause != "unreachable":
-            self._totals["failed"] += 1
-            if self._addresses.failed(address, now_s):
-                self.last_barred = address.name
+            self._failed(address, now_s)
+
+    def _is_refused(self, passage: Passage) -> bool:
+        """Whether Zenoh has ended a connection after TLS stood and before its session was sure. Without certificates,
+        a wrong password causes that."""
+        unsure = passage.stage is Stage.SHAKING or passage.opened_s is not None
+        return not self._limits.mutual and unsure and passage.sent_away and not passage.counts_as_failing
+
+    def _failed(self, address: Address, now_s: float) -> None:
+        """Count a handshake or password of an address that was wrong."""
+        self._totals["failed"] += 1
+        if self._addresses.failed(address, now_s):
+            self.last_barred = address.name
 
 
 def _count_down(counts: Counter[str], name: str) -> None:

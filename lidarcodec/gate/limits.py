@@ -20,7 +20,7 @@ class Limits:
     unfinished:     connections without a session, of all addresses; unfinished_address: of one
     open:           connections with a session, of all addresses; Zenoh's own limit is 1,000; open_address: of one
     new_rate:       new connections a second of one address; new_burst: how many at once
-    bar_after:      handshakes of one address that fail at Zenoh until it is barred
+    bar_after:      handshakes of one address that fail at Zenoh, wrong passwords too, until it is barred
     forgiven_s:     time after which one of these is forgotten
     bar_s:          how long an address is barred
     barred_rate:    connections a second that a barred address may try if it had a session before: one address may be

@@ -59,6 +59,8 @@ class Passage:
         self.hello_s = now_s
         """When its ClientHello was whole, then when it went on to Zenoh."""
         self.ended_s: float | None = None
+        self.sent_away = False
+        """Whether Zenoh has closed before the client."""
         self.counts_as_failing = False
         self.known = False
         self.opened_s: float | None = None
@@ -67,6 +69,8 @@ class Passage:
         self.to_zenoh = self.to_client = 0
         self._selector, self._client, self._changed = selector, client, changed
         self._inner: socket.socket | None = None
+        self._broken: socket.socket | None = None
+        """The one of the two that broke."""
         self._ways: tuple[Way, ...] = ()
         self._hello = bytearray()
         self._moved, self._moved_s = 0, now_s
@@ -170,6 +174,7 @@ class Passage:
         except NotTlsError:
             return self._changed(self, "not_tls")
         except OSError:
+            self.sent_away = self._broken is self._inner and not self.left
             return self._changed(self, "broken")
         if all(way.shut for way in self._ways):
             return self._changed(self, "ended")
@@ -186,6 +191,9 @@ class Passage:
                 data = way.reader.recv(CHUNK)
             except BlockingIOError:
                 return False
+            except OSError:
+                self._broken = way.reader
+                raise
             way.ended = not data
             way.held = memoryview(data)
             self._watch(way, way.held)

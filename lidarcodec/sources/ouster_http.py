@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import io
 import logging
@@ -28,9 +29,10 @@ MAX_ANSWER_BYTES: Final = 2 * MAX_BYTES
 READ_BYTES: Final = 16 * 1024
 
 
-def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) -> bytes:
+def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S, *, near: bool = False) -> bytes:
     """The checked metadata of an Ouster. host: its name or address
 
+    near: connect only to a host of a network that this machine is in, not through a router
     The answer is read for at most `answer_s` seconds and 128 KiB. Redirections and proxies are not used.
     Raises CalibrationError if the sensor does not answer, or its answer is not the metadata of an Ouster.
     """
@@ -38,7 +40,7 @@ def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) 
     if not host or any(character.isspace() or character in "/?#@\\" for character in host):
         raise CalibrationError(f"{host!r:.80} is not the name or address of a sensor")
     try:
-        answer = _answer(host, port, time.monotonic() + answer_s)
+        answer = _answer(host, port, time.monotonic() + answer_s, near=near)
         status, body = _parsed(answer)
     except (OSError, UnicodeError, http.client.HTTPException) as error:
         said = getattr(error, "strerror", None) or str(error) or type(error).__name__
@@ -56,24 +58,26 @@ def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) 
 def with_metadata(bare: SensorModel, address: bytes | None, label: str) -> SensorModel:
     """An Ouster with the metadata that it tells; `bare` if it tells none, or that of other packets, with a warning.
 
+    The address is only what packets claim, so nothing beyond the networks of this machine is asked.
+
     bare: a sensor of which only the packets are known;  address: 4 or 16 bytes;  label: of the source, for the warning
     """
     if not address:
         return bare
     try:
-        metadata = metadata_over_http(str(ip_address(address)), answer_s=LIVE_ANSWER_S)
+        metadata = metadata_over_http(str(ip_address(address)), answer_s=LIVE_ANSWER_S, near=True)
         return bare_sensors()[bare.model].calibrated(metadata, "stream", f"of {ip_address(address)}")
     except CalibrationError as error:
         logger.warning("%s: %s", label, error)
         return bare
 
 
-def _answer(host: str, port: int, deadline: float) -> bytes:
+def _answer(host: str, port: int, deadline: float, *, near: bool) -> bytes:
     """All bytes of the answer."""
     named = f"[{host.partition('%')[0]}]" if ":" in host else host
     asked = f"GET {PATH} HTTP/1.1\r\nHost: {named}\r\nAccept: application/json\r\nConnection: close\r\n\r\n"
     answer = bytearray()
-    with socket.create_connection((host, port), _left(deadline)) as connection:
+    with _connected(host, port, deadline, near=near) as connection:
         connection.settimeout(_left(deadline))
         connection.sendall(asked.encode("ascii"))
         while not _is_whole(answer):
@@ -85,6 +89,26 @@ def _answer(host: str, port: int, deadline: float) -> bytes:
             if len(answer) > MAX_ANSWER_BYTES:
                 raise http.client.HTTPException(f"the answer is larger than {MAX_ANSWER_BYTES:,} bytes")
     return bytes(answer)
+
+
+def _connected(host: str, port: int, deadline: float, *, near: bool) -> socket.socket:
+    """A connection to the first of the host's addresses that answers."""
+    failed: OSError | None = None
+    for family, kind, protocol, _, where in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        connection = socket.socket(family, kind, protocol)
+        try:
+            if near:
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_DONTROUTE, 1)
+            connection.settimeout(_left(deadline))
+            connection.connect(where)
+        except OSError as error:
+            connection.close()
+            failed = error
+        else:
+            return connection
+    if near and failed is not None and failed.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH):
+        raise OSError("it is in no network of this machine; give its metadata with --calibration")
+    raise failed or OSError("it has no address")
 
 
 def _left(deadline: float) -> float:

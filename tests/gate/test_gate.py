@@ -232,3 +232,17 @@ def test_zenoh_listens_on_loopback_behind_it_with_the_options_of_its_endpoint() 
     assert second.startswith("tls/127.0.0.1:")
     assert second.endswith("#so_sndbuf=65536")
     assert json.dumps(behind)
+
+
+def test_wrong_passwords_bar_an_address(tmp_path: Path) -> None:
+    """Zenoh ends the session of such a client, which tries again and again."""
+    car = Car(tmp_path, auth="password")
+    try:
+        wrong = tmp_path / "wrong.json5"
+        wrong.write_text((car.folder / "viewer-anna.json5").read_text().replace('"password": "', '"password": "not-'))
+        with open_transport(Endpoints.of(config=wrong)) as stranger:
+            assert eventually(lambda: car.gate["barred"] == 1, 20.0), car.gate
+            assert stranger.connected == 0
+        assert car.gate["sessions"] == 0
+    finally:
+        car.transport.close()

@@ -63,6 +63,12 @@ class Port:
     def session(self, host: str = "127.0.0.2") -> tuple[socket.socket, socket.socket]:
         """A client and Zenoh's end, with a session."""
         before = self.keeper.state()["open"]
+        found = self.begun(host)
+        self.is_(open=before + 1)
+        return found
+
+    def begun(self, host: str = "127.0.0.2", turns: int = 3) -> tuple[socket.socket, socket.socket]:
+        """The same after so many answers; three seem to be a session."""
         client = self.stranger(host, HELLO)
         shaking = len(self.keeper._shaking)
         assert self.run(lambda: len(self.keeper._shaking) > shaking)
@@ -73,14 +79,13 @@ class Port:
             end, where = self.accepted()
         end.sendall(ANSWER)
         self.through(end, client, len(ANSWER))
-        for _ in range(3):
+        for _ in range(turns):
             client.sendall(SAYS)
             end.sendall(b"")
             assert self.run(lambda: bool(self._waiting(end)))
             end.recv(4096)
             end.sendall(ANSWER)
             self.through(end, client, len(ANSWER))
-        self.is_(open=before + 1)
         return client, end
 
     def through(self, _: socket.socket, reader: socket.socket, size: int) -> bytes:
@@ -100,6 +105,17 @@ class Port:
             return b""
         finally:
             one.settimeout(5)
+
+    @staticmethod
+    def has_ended(one: socket.socket) -> bool:
+        """Whether the other end has closed, and nothing is left to read."""
+        one.setblocking(False)
+        try:
+            return not one.recv(4096)
+        except BlockingIOError:
+            return False
+        except ConnectionResetError:
+            return True
 
     def close(self) -> None:
         self._held.close()
@@ -291,6 +307,37 @@ def test_without_certificates_a_session_is_sure_only_when_it_has_stood(port: Cal
     gate.now_s = 15.3
     gate.is_(sessions=1, open=1)
     assert address.known(gate.now_s)
+
+
+@pytest.mark.parametrize("turns", [1, 3])
+def test_an_address_whose_passwords_are_wrong_is_barred(port: Callable[..., Port], turns: int) -> None:
+    """Zenoh ends its connections, before or after it seems to have a session."""
+    gate = port(bar_after=3)
+    for number in range(1, 4):
+        client, end = gate.begun(turns=turns)
+        end.close()
+        assert gate.run(lambda one=client: gate.has_ended(one))
+        client.close()
+        gate.is_(failed=number)
+    gate.is_(barred=1, open=0, unfinished=0)
+    gate.stranger()
+    gate.refused("barred", 1)
+
+
+def test_clients_that_leave_by_themselves_have_no_wrong_password(port: Callable[..., Port]) -> None:
+    gate = port(bar_after=3)
+    for _ in range(6):
+        client, end = gate.begun(turns=3)
+        client.close()
+        gate.is_(open=1)
+        end.close()
+        gate.is_(open=0)
+    gate.is_(failed=0, barred=0)
+    _, end = gate.begun(turns=3)
+    gate.now_s = 15.3
+    gate.is_(sessions=1)
+    end.close()
+    gate.is_(failed=0)
 
 
 def test_strangers_that_wait_keep_nobody_out_who_had_a_session(port: Callable[..., Port]) -> None:

@@ -12,7 +12,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from lidarcodec.errors import CalibrationError
-from lidarcodec.sources.ouster_http import PATH, metadata_over_http
+from lidarcodec.sensors.models.ouster.sensor import bare_sensors
+from lidarcodec.sources.ouster_http import PATH, metadata_over_http, with_metadata
 from tests.sensors.ouster_packets import as_json, flat_metadata, nested_metadata
 
 METADATA = as_json(nested_metadata(flat_metadata()))
@@ -138,3 +139,17 @@ def test_where_nothing_listens_there_is_no_sensor() -> None:
 def test_names_that_are_no_host_are_refused(host: str) -> None:
     with pytest.raises(CalibrationError, match=r"is not the name or address of a sensor|no metadata from"):
         metadata_over_http(host)
+
+
+def test_no_address_beyond_the_networks_of_this_machine_is_asked(caplog: pytest.LogCaptureFixture) -> None:
+    """The address is what packets claim: anybody's, who would be asked in the name of this machine."""
+    bare = bare_sensors()["ouster-16-legacy"]
+    began = time.monotonic()
+    assert with_metadata(bare, bytes([198, 51, 100, 7]), "UDP") is bare
+    assert time.monotonic() - began < 1
+    assert "it is in no network of this machine; give its metadata with --calibration" in caplog.text
+
+
+def test_a_sensor_nearby_is_asked() -> None:
+    with sensor(sends(METADATA)) as port:
+        assert metadata_over_http(HOST, port, near=True) == METADATA

@@ -174,7 +174,7 @@ def numbers_of(values: Values) -> Numbers | None:
         return values.astype(np.int64)
     bits = values.view(np.int64)
     steps: Numbers = bits - bits[:1]
-    return steps if -WIDEST < int(steps.min(initial=0)) and int(steps.max(initial=0)) < WIDEST else None
+    return steps if int(steps.min(initial=0)) > -WIDEST and int(steps.max(initial=0)) < WIDEST else None
 
 
 def encode_column(values: Values, image: Image, before: Coded | None = None) -> Coded:
