@@ -140,6 +140,18 @@ def test_what_is_made_up_is_marked_and_not_counted_as_measured(thinned, form):
     assert "filled" not in arrays
 
 
+def test_what_is_made_up_of_another_sensor_is_marked_in_its_order():
+    thinned = received(next(read_frames("sim:city?frames=1&sensor=vlp16")), "lattice:3")
+    whole, wanted = filled(thinned), CloudOptions.of({}).encoding
+    made_up = whole.filled.T[whole.valid.T]
+    head, arrays = CLIENT.read_message(packed(thinned, FACTS, wanted))
+    assert head["count"] == len(whole.cloud()) > 2 * head["returns"]
+    assert np.array_equal(arrays["filled"], made_up)
+    assert np.array_equal(arrays["ring"], whole.cloud()["ring"])
+    fewer = CLIENT.read_message(packed(thinned, FACTS, wanted._replace(max_points=100)))[1]
+    assert len(fewer["filled"]) == len(fewer["x"]) == 100
+
+
 def test_a_frame_that_was_not_thinned_costs_no_byte_more_for_the_marks(frame):
     marked, plain = (Encoding("range", names, None) for names in (("intensity", "filled"), ("intensity",)))
     assert packed(frame, FACTS, marked) == packed(frame, FACTS, plain)

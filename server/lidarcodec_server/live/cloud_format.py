@@ -90,15 +90,19 @@ def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
     encoding = _without(encoding, "range")
     cloud = cloud_to_show(frame)
     there = len(cloud)
+    made_up = np.zeros(0, np.uint8)
+    if "filled" in encoding.attributes:
+        made_up = _made_up(frame).T[frame.valid.T][:there]  # of no points, if they cannot be known
     if frame.sensor.is_cloud:
         cloud = cloud[np.sqrt(sum(np.square(cloud[axis], dtype=np.float64) for axis in "xyz")) <= FARTHEST_M]
     if encoding.max_points is not None and len(cloud) > encoding.max_points:
-        cloud = cloud[np.arange(encoding.max_points, dtype=np.int64) * len(cloud) // encoding.max_points]
+        chosen = np.arange(encoding.max_points, dtype=np.int64) * len(cloud) // encoding.max_points
+        cloud, made_up = cloud[chosen], made_up[chosen] if len(made_up) else made_up
     reach_m = max((float(np.abs(cloud[axis]).max()) for axis in "xyz"), default=0.0) if len(cloud) else 0.0
     step_m = float(np.float32(max(STEP_M, reach_m * 1.0001 / _LARGEST)))
     arrays: list[npt.NDArray[Any]] = [np.rint(cloud[axis] / np.float32(step_m)).astype("<i2") for axis in "xyz"]
-    for name in encoding.attributes:
-        arrays.append(_bytes_of(cloud["intensity"]) if name == "intensity" else cloud[name])
+    more = {"intensity": _bytes_of(cloud["intensity"]), "ring": cloud["ring"], "filled": made_up}
+    arrays += [more[name] for name in encoding.attributes]
     measured = there if frame.sensor.is_cloud else None
     return _message(frame, facts, encoding, len(cloud), len(cloud) < there, step_m, arrays, measured)
 
