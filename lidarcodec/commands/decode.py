@@ -7,8 +7,8 @@ from pathlib import Path
 from lidarcodec.commands.convert.frames import Wanted
 from lidarcodec.commands.convert.frames import decode as write
 from lidarcodec.commands.outputs.table import form_of
-from lidarcodec.commands.placing import Placing
-from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.selection.frames import Selection
+from lidarcodec.commands.selection.points import Placing
 
 FOLDER = "kitti"
 """Format of the files in a folder."""

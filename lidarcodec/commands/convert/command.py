@@ -81,8 +81,8 @@ def convert(
     from lidarcodec.commands.convert.outputs import FORMS
     from lidarcodec.commands.convert.outputs import form_of as packet_form_of
     from lidarcodec.commands.outputs.table import form_of
-    from lidarcodec.commands.placing import Placing
-    from lidarcodec.commands.selecting import Selection
+    from lidarcodec.commands.selection.frames import Selection
+    from lidarcodec.commands.selection.points import Placing
 
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge)

@@ -18,7 +18,7 @@ from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns
 from lidarcodec.commands.unkept import say_unkept

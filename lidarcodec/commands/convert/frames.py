@@ -14,14 +14,14 @@ import numpy as np
 
 from lidarcodec.commands.outputs.base import Output
 from lidarcodec.commands.outputs.table import Form, check_output, contents_of, open_output
-from lidarcodec.commands.placing import Placing
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import Watched, stoppable
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.selection.frames import Selection
+from lidarcodec.commands.selection.points import Placing
 from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
 from lidarcodec.errors import SettingsError, SourceError

@@ -39,7 +39,7 @@ def cut(
     """Cut a part out of a recording or a capture, or split it. Messages and packets do not change."""
     from lidarcodec.commands.cut import captures, recordings
     from lidarcodec.commands.cut.parts import Cut
-    from lidarcodec.commands.selecting import Selection
+    from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.sources import check_not_input
     from lidarcodec.errors import SettingsError
 

@@ -12,7 +12,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import CutOut
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import Whole, beside, check_free, whole
 

@@ -9,7 +9,7 @@ from typing import BinaryIO, NamedTuple
 
 from lidarcodec import wire
 from lidarcodec.commands.cut.parts import Cut, say, write
-from lidarcodec.commands.selecting import Selection
+from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import Whole

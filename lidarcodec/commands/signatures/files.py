@@ -95,7 +95,7 @@ def encode(
 ) -> None:
     """Encode a source into a recording. The short form of `convert`."""
     from lidarcodec.commands import encode as command
-    from lidarcodec.commands.selecting import Selection
+    from lidarcodec.commands.selection.frames import Selection
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     selection = Selection(frames, skip, begin, end)
@@ -128,8 +128,8 @@ def decode(
 ) -> None:
     """Decode a recording into packets, images or points. The short form of `convert`."""
     from lidarcodec.commands import decode as command
-    from lidarcodec.commands.placing import Placing
-    from lidarcodec.commands.selecting import Selection
+    from lidarcodec.commands.selection.frames import Selection
+    from lidarcodec.commands.selection.points import Placing
 
     selection, placing = Selection(frames, skip, begin, end), Placing.of(region, transform, merge=merge)
     command.run(recording, out, form, selection, placing, poses, force, as_json)

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import chain, islice
 from typing import Final, Protocol, TypeVar
 
+from lidarcodec.apps.past.times import time_ns_of
 from lidarcodec.errors import SettingsError
 
-LEAST_NS_DIGITS: Final = 16
-"""A whole number with as many digits is in nanoseconds since 1970, a shorter one in seconds."""
+MOST_SECONDS: Final = 1e9
+"""A larger number is in nanoseconds since 1970."""
 
 
 class Stamped(Protocol):
@@ -39,30 +39,18 @@ def time_of(text: str, begin_ns: int) -> int:
 
     Raises SettingsError.
     """
-    if text.isascii() and text.isdigit() and len(text) >= LEAST_NS_DIGITS:
-        return int(text)
     try:
         seconds = float(text)
     except ValueError:
-        return _date(text)
-    if not math.isfinite(seconds) or abs(seconds) > 1e9:
-        raise _wrong(text)
-    return begin_ns + round(seconds * 1e9)
-
-
-def _date(text: str) -> int:
+        seconds = math.inf
+    if abs(seconds) <= MOST_SECONDS:
+        return begin_ns + round(seconds * 1e9)
     try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        raise _wrong(text) from None
-    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86_400 + since.seconds) * 10**9 + since.microseconds * 1000
-
-
-def _wrong(text: str) -> SettingsError:
-    return SettingsError(
-        f"{text} is not a time: write seconds from the beginning, such as 12.5, or 2026-11-26T13:00:00Z", "from"
-    )
+        return time_ns_of(text)
+    except SettingsError:
+        raise SettingsError(
+            f"{text} is not a time: write seconds from the beginning, such as 12.5, or 2026-11-26T13:00:00Z", "from"
+        ) from None
 
 
 @dataclass(frozen=True)
