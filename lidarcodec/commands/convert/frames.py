@@ -78,14 +78,16 @@ class _Recorded:
     live = False
 
     def __init__(self, path: Path, poses: Path | None) -> None:
-        self._recorded = RecordedFrames(path)
+        self._path, self._recorded = path, RecordedFrames(path)
         self._poses = None
         if poses is not None:
             with open_source(path, poses=poses) as source:
                 self._poses = source.poses
 
     def __iter__(self) -> Iterator[Frame]:
-        return with_poses(self._recorded, self._poses)
+        for frame in with_poses(self._recorded, self._poses):
+            warn_if_generic(frame.sensor, str(self._path))
+            yield frame
 
     def finish(self) -> None:
         """A recording ends by itself."""
@@ -163,7 +165,6 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
         written = _Written()
         with _opened(wanted, output.beside) as writer:
             for frame in chain((first,), chosen):
-                warn_if_generic(frame.sensor, name)
                 _put(writer, frame, wanted, written)
                 tick()
         part = watched.cut or (
