@@ -82,6 +82,18 @@ def test_a_stream_that_is_not_there_is_said_and_waited_for_and_a_loop_goes_on(ca
     assert status["assembled"] > 12
 
 
+def test_a_live_stream_is_converted_to_points(capture, endpoint, tmp_path):
+    out = tmp_path / "a.pcd"
+    receiving = start("convert", "zenoh:car/roof", out, "--listen", endpoint, "--json")
+    published = run(*publish(capture, endpoint, "--rate", "max"))
+    told, complaints = receiving.communicate(timeout=60)
+    assert (published.returncode, receiving.returncode) == (0, 0), complaints
+    assert json.loads(told)["frames"] == 12
+    assert json.loads(told)["bytes"] == out.stat().st_size
+    refused = run_here("convert", "zenoh:car/roof", tmp_path / "a.pcap")
+    assert "lidarcodec subscribe" in the_one_line(refused)
+
+
 def test_fewer_frames_than_were_asked_for_are_an_error(capture, endpoint, subscriber):
     receiving = subscriber("--until-end", "--frames", "100")
     assert run(*publish(capture, endpoint, "--rate", "max")).returncode == 0

@@ -45,7 +45,7 @@ def run(
     count = 0
     with live, stoppable(live.interrupt) as stopped:
         shown_s = time.monotonic()
-        for count, _ in enumerate(_frames(live, stream), 1):
+        for count, _ in enumerate(awaited(live, stream), 1):
             if show and time.monotonic() - shown_s >= EVERY_S:
                 shown_s = time.monotonic()
                 sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")
@@ -61,7 +61,7 @@ def run(
         raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} stopped")
 
 
-def _frames(live: LiveStream, stream: str) -> Iterator[Frame]:
+def awaited(live: LiveStream, stream: str) -> Iterator[Frame]:
     """Frames of the stream. If it has no publisher at first, a line on stderr says so, and the wait goes on."""
     first = live.next(ABSENT_S)
     if first is not None:

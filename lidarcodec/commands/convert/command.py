@@ -9,24 +9,31 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.results.files import Converted
+from lidarcodec.commands.running.run import keep_standard_output
 from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import (
     AllowMissed,
     AsJson,
     CalibrationFile,
     CodecName,
+    Connect,
     Force,
     FrameCount,
+    Listen,
     ModelName,
     Pairs,
     PosesFile,
     SkipCount,
     Source,
     WithClouds,
+    ZenohConfig,
     of_model,
 )
 from lidarcodec.commands.signatures.selecting import FromTime, Merge, Region, ToTime, Transform
 from lidarcodec.errors import SettingsError
+
+STREAM = "zenoh:"
+"""Beginning of a SOURCE that is a live stream: `zenoh:VEHICLE/SENSOR`."""
 
 
 @prints(Converted)
@@ -72,14 +79,18 @@ def convert(
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: PosesFile = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
     as_json: AsJson = False,
 ) -> None:
     """Convert any source to packets, a recording, a rosbag2, images or points. Packets do not change."""
     from lidarcodec.commands.convert import convert as packets
-    from lidarcodec.commands.convert.frames import Wanted
+    from lidarcodec.commands.convert.frames import Wanted, receive
     from lidarcodec.commands.convert.frames import convert as write_frames
     from lidarcodec.commands.convert.outputs import FORMS
     from lidarcodec.commands.convert.outputs import form_of as packet_form_of
+    from lidarcodec.commands.endpoints import endpoints_of
     from lidarcodec.commands.outputs.table import form_of
     from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.selection.points import Placing
@@ -87,6 +98,9 @@ def convert(
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge)
     kept = packet_form_of(out, form)
+    stream = source.removeprefix(STREAM)
+    if kept is not None and stream != source:
+        raise SettingsError(f"{source} gives points, not packets: `lidarcodec subscribe` has --record and --udp", "as")
     if kept is not None:
         if placing.given:
             raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
@@ -98,4 +112,11 @@ def convert(
                         ("--frame-id", frame_id), ("--allow-missed", allow_missed)):  # fmt: skip
         if given:
             raise SettingsError(f"{name} is not for {wanted.form.name}: it is for recordings or rosbags", "as")
-    write_frames(spec, wanted, calibration, poses)
+    if stream == source:
+        write_frames(spec, wanted, calibration, poses)
+        return
+    for name, value in (("--calibration", calibration), ("--model", model), ("--poses", poses)):
+        if value is not None:
+            raise SettingsError(f"{name} is not for a live stream: the stream says it", name.lstrip("-"))
+    keep_standard_output()
+    receive(stream, wanted, endpoints_of((connect or [], listen or [], zenoh_config)))

@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands.outputs.base import Output
 from lidarcodec.commands.outputs.table import Form, check_output, contents_of, open_output
 from lidarcodec.commands.progress import progress
@@ -23,6 +24,7 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.selection.points import Placing
 from lidarcodec.commands.sources import check_finite, check_not_input
+from lidarcodec.commands.subscribe import awaited
 from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import Whole, whole
@@ -34,6 +36,7 @@ from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from lidarcodec.sources.unit_calibration import warn_if_generic
+from lidarcodec.transport import Endpoints
 
 log = logging.getLogger(__name__)
 NO_CLOUD = np.empty(0, [("x", "f4")])
@@ -115,6 +118,33 @@ class _Read:
 
     def say(self) -> None:
         say_unkept(self._source.label, self._source.counts)
+
+
+class _Streamed:
+    """Decoded frames of a live stream over Zenoh, until its publisher stops. None is skipped, which slows it down."""
+
+    live = True
+
+    def __init__(self, stream: LiveStream, key: str) -> None:
+        self._stream, self._key = stream, key
+
+    def __iter__(self) -> Iterator[Frame]:
+        return awaited(self._stream, self._key)
+
+    def finish(self) -> None:
+        self._stream.interrupt()
+
+    def say(self) -> None:
+        missing = self._stream.summary().get("missing", 0)
+        if missing:
+            log.warning("%s: %d frames did not come", self._key, missing)
+
+
+def receive(key: str, wanted: Wanted, endpoints: Endpoints) -> None:
+    """Write frames of a live stream. key: VEHICLE/SENSOR"""
+    wanted.check()
+    with LiveStream(key, endpoints=endpoints, newest=False, until_end=True) as stream:
+        _write(key, _Streamed(stream, key), wanted)
 
 
 def convert(spec: str, wanted: Wanted, calibration: Path | None, poses: Path | None) -> None:
