@@ -17,7 +17,8 @@ from typing import Any
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
-from lidarcodec.apps.past.keeper import Keep
+from lidarcodec.apps.past.answers import answers_of
+from lidarcodec.apps.past.keeper import Keep, Keeper
 from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record
@@ -57,7 +58,7 @@ class Vehicle:
     """Publishes several sensors. A context manager: starts on entering, stops on leaving."""
 
     def __init__(self, name: str, sensors: Sequence[SensorPlan], endpoints: Endpoints | None = None) -> None:
-        """Raises SettingsError for invalid names, and for originals that would leave the machine."""
+        """Raises SettingsError for invalid names or limits, and for originals that would leave the machine."""
         if any(plan.original for plan in sensors):
             check_local(endpoints or Endpoints())
         self.name, self._endpoints = name, endpoints
@@ -73,7 +74,7 @@ class Vehicle:
     def start(self) -> None:
         """Begin with all sensors."""
         for sensor in self._sensors:
-            sensor.thread.start()
+            sensor.start()
 
     def wait(self) -> None:
         """Wait until every source has ended, or `interrupt` is called.
@@ -92,7 +93,9 @@ class Vehicle:
     def stop(self) -> None:
         """End everything. A second call does nothing."""
         self._stop.set()
-        ended(sensor.thread for sensor in self._sensors)
+        ended(thread for sensor in self._sensors for thread in (sensor.thread, sensor.answering))
+        for sensor in self._sensors:
+            sensor.close()
         if self._transport is not None:
             self._transport.close()
 
@@ -146,6 +149,20 @@ class _Sensor:
         self._network, self._stop = network, stop
         self._publisher: Publisher | None = None
         self.thread = threading.Thread(target=self._run, name=f"lidarcodec {plan.name}", daemon=True)
+        self._keeper = None if plan.keep is None else Keeper(plan.keep, keys)
+        self.answering = threading.Thread(target=self._answer, name=f"lidarcodec past of {plan.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to publish, and to answer about what is kept."""
+        if self._keeper is not None:
+            self._keeper.start()
+            self.answering.start()
+        self.thread.start()
+
+    def close(self) -> None:
+        """Write what is to be kept, after both threads have ended."""
+        if self._keeper is not None:
+            self._keeper.close()
 
     def state(self) -> SensorState:
         """The current state."""
@@ -154,6 +171,23 @@ class _Sensor:
             why = None if failure is None else str(failure)
             return SensorState(f"{self.keys.vehicle}/{self.keys.sensor}", failure=why)
         return SensorState.of(publisher.status())
+
+    def _answer(self) -> None:
+        """Answer about what is kept, also while the source has failed."""
+        keeper = self._keeper
+        if keeper is None:
+            return
+        try:
+            declared = answers_of(keeper, lambda: (one := self._publisher) is not None and one.busy).declare(
+                self._network(self._stop)
+            )
+        except TransportError as error:
+            if not self._stop.is_set():
+                logger.warning("%s: what is kept cannot be fetched: %s", self.keys.prefix, error)
+            return
+        self._stop.wait()
+        for one in declared:
+            one.close()
 
     def _run(self) -> None:
         wait_s = FIRST_WAIT_S
@@ -188,7 +222,7 @@ class _Sensor:
                 endpoints=self._endpoints,
                 transport=self._network,
                 record=plan.record,
-                keep=plan.keep,
+                keep=self._keeper,
                 poses=source.poses if plan.with_poses else None,
                 original=plan.original,
             )

@@ -17,8 +17,8 @@ import threading
 from collections import Counter
 from typing import Final
 
+from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.ending import ended
-from lidarcodec.apps.publisher.allowance import Allowance
 from lidarcodec.errors import TransportError
 
 logger = logging.getLogger(__name__)

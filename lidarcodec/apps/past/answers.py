@@ -15,8 +15,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.control import TooOftenError, answered, object_of
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.past.keeper import Keeper
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.past.times import time_ns_of
 from lidarcodec.errors import LidarCodecError, SettingsError
@@ -108,8 +110,13 @@ class Answers:
         retry_s = self._take()
         if retry_s:
             error = TooOftenError("the past is asked about", retry_s)
-            self._once.add("questions about the past refused", error)
+            self._once.add("questions refused", error)
             raise error
+
+
+def answers_of(keeper: Keeper, busy: Callable[[], bool]) -> Answers:
+    """Answers about what a keeper kept; it counts refused questions. busy: whether a live message is on its way"""
+    return Answers(keeper.kept, keeper.keys, busy, Allowance(LISTS_PER_S, LISTS_AT_ONCE).take, keeper.once)
 
 
 def _about(mark: Mark) -> dict[str, Any]:

@@ -86,7 +86,7 @@ class Keep:
 class Keeper:
     """Keeps offered frames. `kept` answers questions about them. Thread-safe.
 
-    status: gives the status that conditions are about; set it before `start`
+    status: gives the status that conditions are about;  once: counts and logs errors
     counts: `dropped` (disk or processor too slow), `errors`, `unwritten` (frames that still waited at `close`), and the
             counts of the RotatingRecorder, among them `deleted for a full disk`
     """
@@ -103,7 +103,7 @@ class Keeper:
         self._queue: deque[Frame] = deque()
         self._condition = threading.Condition()
         self._closed = False
-        self._once = Once(logger)
+        self.once = Once(logger)
         self._earlier: Counter[str] = Counter()
         self._encoder: StreamEncoder | None = None
         self._key_ns: int | None = None
@@ -121,13 +121,13 @@ class Keeper:
                 return
             if len(self._queue) >= WAITING:
                 self._queue.popleft()
-                self._once.counts["dropped"] += 1
+                self.once.counts["dropped"] += 1
             self._queue.append(frame)
             self._condition.notify()
 
     def state(self) -> dict[str, Any]:
         """For the status: what is kept (docs/live.md lists the fields)."""
-        counts = self._earlier + self._files.counts + self._once.counts
+        counts = self._earlier + self._files.counts + self.once.counts
         return {"max_bytes": self.keep.max_bytes, "stopped": self._files.stopped, "counts": dict(counts)} | (
             self.kept.totals
         )
@@ -141,7 +141,7 @@ class Keeper:
             self._thread.join(CLOSE_LIMIT_S)
         if self._thread.is_alive():
             with self._condition:
-                self._once.counts["unwritten"] = len(self._queue) + 1
+                self.once.counts["unwritten"] = len(self._queue) + 1
             logger.error("keeping: the remaining frames could not be written within %g s", CLOSE_LIMIT_S)
 
     def _recorder(self) -> RotatingRecorder:
@@ -180,10 +180,10 @@ class Keeper:
                         self._write(frame)
                     self._look_after(now)
                 except LidarCodecError as error:
-                    self._once.add("errors", error)
+                    self.once.add("errors", error)
                 except Exception as error:  # an error in this program loses only this frame
                     logger.exception("unexpected error while keeping")
-                    self._once.add("errors", error)
+                    self.once.add("errors", error)
         finally:
             self.kept.growing = None
             self._files.close()

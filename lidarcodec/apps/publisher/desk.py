@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any, Protocol
 
+from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.clocks import Clock
 from lidarcodec.apps.control import Applied, TooOftenError, answered
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.publisher.allowance import Allowance
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.reports import read_arrival

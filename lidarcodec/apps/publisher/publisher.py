@@ -20,9 +20,8 @@ from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.past.answers import LISTS_AT_ONCE, LISTS_PER_S, Answers
+from lidarcodec.apps.past.answers import answers_of
 from lidarcodec.apps.past.keeper import Keep, Keeper
-from lidarcodec.apps.publisher.allowance import Allowance
 from lidarcodec.apps.publisher.changes import Changes
 from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.desk import Desk
@@ -75,7 +74,8 @@ class Publisher:
     poses:     poses of the sensor, sent with each frame
     original:  also send uncompressed frames while a local viewer compares
     record:    records all packets or frames, whether sent or not: a `Record`, or a folder for raw packets
-    keep:      keeps the last hours exactly; receivers can fetch parts of them
+    keep:      keeps the last hours exactly, and answers receivers that fetch parts of them; or a started keeper, which
+               the caller closes and answers about
     isolate:   which encoders run in their own process: `always`, `never`, or `auto` (those with native code that may
                crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
     clock:     the clocks of this machine
@@ -93,7 +93,7 @@ class Publisher:
         endpoints: Endpoints | None = None,
         transport: Transport | OpenTransport | None = None,
         record: Record | str | Path | None = None,
-        keep: Keep | None = None,
+        keep: Keep | Keeper | None = None,
         poses: Poses | None = None,
         original: bool = False,
         isolate: Isolate | None = None,
@@ -116,7 +116,8 @@ class Publisher:
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
         recorded = None if kept is None or self._recorder is None else (self._recorder, kept.form)
-        self._keeper = None if keep is None else Keeper(keep, self.keys)
+        self._own_keeper = None if keep is None or isinstance(keep, Keeper) else Keeper(keep, self.keys)
+        self._keeper = keep if isinstance(keep, Keeper) else self._own_keeper
         speed = 10.0 if rate is None else rate
         self._feed = FrameFeed(source, asked.framing, speed, recorded, poses, clock, self._keeper, loop=loop)
         limit_s = PATIENT_S if self._every else LIMIT_S
@@ -151,6 +152,11 @@ class Publisher:
         return self._failure
 
     @property
+    def busy(self) -> bool:
+        """Whether a message is under way."""
+        return self._flight.busy
+
+    @property
     def next_index(self) -> int:
         """Index of the next frame to be encoded."""
         return self._sending.next_index
@@ -172,7 +178,8 @@ class Publisher:
             self._recorder.start()
         if self._keeper is not None:
             self._keeper.status = self.status
-            self._keeper.start()
+        if self._own_keeper is not None:
+            self._own_keeper.start()
         self._coding.start()
         for thread in self._threads:
             thread.start()
@@ -227,8 +234,8 @@ class Publisher:
             thread.join(JOIN_S)
         if self._recorder is not None:
             self._recorder.close()
-        if self._keeper is not None:
-            self._keeper.close()
+        if self._own_keeper is not None:
+            self._own_keeper.close()
         self._network.close()
 
     def __enter__(self) -> Self:
@@ -313,10 +320,8 @@ class Publisher:
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
         self._declared += self._desk.declare(transport)
-        if self._keeper is not None:
-            take = Allowance(LISTS_PER_S, LISTS_AT_ONCE).take
-            answers = Answers(self._keeper.kept, keys, lambda: self._flight.busy, take, self._once)
-            self._declared += answers.declare(transport)
+        if self._own_keeper is not None:
+            self._declared += answers_of(self._own_keeper, lambda: self.busy).declare(transport)
         priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
         sender = transport.sender(keys.frame, priority, self._matched)
         self._sending.matching = sender.matching

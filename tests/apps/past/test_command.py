@@ -11,7 +11,13 @@ import pytest
 from lidarcodec import open_source
 from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.errors import SourceError
+from lidarcodec.recording import RecordingReader
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport import Endpoints
+from tests.apps.past.kept_drive import SMALL, at, big, ring
 from tests.apps.streams import Loop
 from tests.command_line import run_here, the_one_line
 from tests.transport.conftest import free_port
@@ -68,3 +74,21 @@ def test_what_cannot_be_fetched_is_refused_at_once(tmp_path: Path, words: tuple[
     done = run_here("fetch", "car-7/roof", "--from", "2026-11-26T12:00:00Z", *words, "-o", tmp_path / "clip.mcap")
     assert done.returncode == 2
     assert told in the_one_line(done)
+
+
+def test_a_vehicle_whose_sensor_has_failed_still_gives_what_it_kept(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    ring(tmp_path / "ring", 0, 30)
+
+    def unplugged() -> PacketSource:
+        raise SourceError("no such interface: eth7")
+
+    plan = SensorPlan("roof", unplugged, StreamSettings(), keep=Keep(tmp_path / "ring", SMALL))
+    out = tmp_path / "clip.mcap"
+    with Vehicle("car-7", [plan], Endpoints.of(listen=[endpoint])) as vehicle:
+        assert eventually(lambda: set(vehicle.failures()) == {"roof"})
+        words = ("fetch", "car-7/roof", "--from", at(0), "--to", at(25), "-o", out, "--connect", endpoint)
+        done = run_here(*words)
+    assert done.returncode == 0, done.stderr
+    with out.open("rb") as file:
+        assert [data for _, data in RecordingReader(file).messages()] == [big(number) for number in range(30)]
