@@ -32,6 +32,12 @@ class FirstPacket(Packet):
     __slots__ = ()
 
 
+class LastPacket(Packet):
+    """The last packet of a turn, where that is known before the next packet: its frame need not wait for that one."""
+
+    __slots__ = ()
+
+
 def data_packets(packets: Iterable[Packet]) -> Iterator[Packet]:
     """The packets without position packets."""
     return (packet for packet in packets if not packet.position)

@@ -10,10 +10,11 @@ import numpy as np
 from lidarcodec import _native
 from lidarcodec.assembly.any_sensor import TurnWatch, frame_of_packets
 from lidarcodec.assembly.continuity import count_discontinuities
+from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import odd_count
-from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, LastPacket, Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.clouds.grid import GridFinder
@@ -21,7 +22,6 @@ from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.settings import settings_from
 from lidarcodec.side import Position, SideInfo
 from lidarcodec.units import (
-    AZIMUTH_TURN,
     MAX_PACKETS,
     MAX_POSITION_BYTES,
     MAX_POSITIONS,
@@ -38,9 +38,10 @@ TURN_NS = 100_000_000
 class Assembler:
     """Cuts a stream of packets into frames. Pure: no clock, no I/O.
 
-    framing: `packets` (348 a frame; of other sensors than an HDL-64E a turn), `packets:N`, or `revolution` (a new frame
-    begins with the first packet after the azimuth wraps, or after 2048 packets without a wrap). A FirstPacket always
-    begins a frame.
+    framing: `revolution` (a turn: a new frame begins with the first packet after the azimuth wraps, or after 2048
+    packets without a wrap), `packets` (348 a frame; of other sensors than an HDL-64E a turn), or `packets:N`. A
+    FirstPacket always begins a frame. If the azimuth wraps within the first packet, the first turn has this packet too.
+    A LastPacket ends a turn.
     counts: `packets`, `frames`, and irregularities: `irregular blocks` (unknown flag or azimuth; they are kept
     unchanged), `repeated packets`, `lost packets` and `time jumps` (both by the packets' own clock), and `position
     packets not kept` (more than a frame holds, or without a frame). Of other sensors: `odd packets` (of another layout
@@ -48,7 +49,7 @@ class Assembler:
     frame every 0.1 s with `revolution`.
     """
 
-    def __init__(self, sensor: SensorModel, framing: str = "packets", first_index: int = 0) -> None:
+    def __init__(self, sensor: SensorModel, framing: str = "revolution", first_index: int = 0) -> None:
         self.counts: Counter[str] = Counter()
         self._framing = framing
         self._use(sensor)
@@ -59,7 +60,7 @@ class Assembler:
         self._bytes = 0
         self._positions: list[tuple[int, Packet]] = []
         self._position_bytes = 0
-        self._last_azimuth = -1
+        self._rotation = RotationWatch()
         self._last_payload = b""
         self._last_gps: int | None = None
 
@@ -95,7 +96,9 @@ class Assembler:
         self._bytes += len(payload)
         self._stamps.append(packet.stamp_ns)
         # At most one frame: frames of one packet leave nothing waiting that `_begin_anew` could cut.
-        return self._cut() if len(self._payloads) == self._frame_packets else frame
+        full = len(self._payloads) == self._frame_packets
+        ended = self._frame_packets is None and frame is None and isinstance(packet, LastPacket)
+        return self._cut() if full or ended else frame
 
     def follow(self, sensor: SensorModel) -> Frame | None:
         """Take packets of another sensor from now on, if it is one; returns the frame of the packets that are waiting.
@@ -207,7 +210,7 @@ class Assembler:
     def _begin_anew(self) -> Frame | None:
         """The frame of the previous sender's waiting packets; its azimuth, payload and clock are forgotten."""
         frame = self._cut() if self._payloads else None
-        self._last_azimuth, self._last_payload, self._last_gps = -1, b"", None
+        self._rotation, self._last_payload, self._last_gps = RotationWatch(), b"", None
         if self._turns is not None:
             self._turns.forget()
         return frame
@@ -219,9 +222,4 @@ class Assembler:
             if self.sensor.model == PACKETS:
                 return full or (bool(self._stamps) and stamp_ns - self._stamps[0] >= TURN_NS)
             return self._turns.begins(payload) or full
-        azimuth = payload[2] | payload[3] << 8
-        if azimuth >= AZIMUTH_TURN:
-            return len(self._payloads) >= MAX_PACKETS
-        wrapped = azimuth < self._last_azimuth - AZIMUTH_TURN // 2
-        self._last_azimuth = azimuth
-        return wrapped or len(self._payloads) >= MAX_PACKETS
+        return self._rotation.begins(payload) or len(self._payloads) >= MAX_PACKETS

@@ -1,0 +1,54 @@
+"""RotationWatch: sees in the packets of an HDL-64E when a new turn begins.
+
+>>> watch = RotationWatch()
+>>> [watch.begins(rotation.to_bytes(2, "little").rjust(4) + bytes(1202)) for rotation in (35800, 35900, 4, 104)]
+[False, False, True, False]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from lidarcodec.packet import Packet
+from lidarcodec.units import AZIMUTH_TURN
+
+LAST_BLOCK: Final = 1100
+"""Offset of the last of the twelve blocks of a packet."""
+
+
+class RotationWatch:
+    """Compares the rotation of each packet's first block with that of the packet before. A rotation of a whole turn or
+    more is damaged, and says nothing."""
+
+    def __init__(self) -> None:
+        self._last = -1
+
+    def begins(self, payload: bytes) -> bool:
+        """Whether a new turn begins with this packet. payload: 1206 bytes
+
+        If the rotation wraps within the first packet, the turn begins with that packet: it has nearly all of the turn
+        to come, and no other packet would be in its frame.
+        """
+        now = _rotation(payload, 0)
+        if now >= AZIMUTH_TURN:
+            return False
+        wrapped = now < self._last - AZIMUTH_TURN // 2
+        if self._last < 0 and (last := _rotation(payload, LAST_BLOCK)) < now - AZIMUTH_TURN // 2:
+            now = last
+        self._last = now
+        return wrapped
+
+
+def turns_of(packets: Iterable[Packet], turns: int) -> Iterator[Packet]:
+    """Packets of the first `turns` turns of an HDL-64E. The first turn is short if the packets begin within it."""
+    rotation, begun = RotationWatch(), 1
+    for packet in packets:
+        begun += not packet.position and rotation.begins(packet.payload)
+        if begun > turns:
+            return
+        yield packet
+
+
+def _rotation(payload: bytes, block: int) -> int:
+    return payload[block + 2] | payload[block + 3] << 8
