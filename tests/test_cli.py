@@ -278,7 +278,7 @@ def test_info_takes_a_recording_with_options_as_the_source_that_they_name(tmp_pa
     recording = tmp_path / "drive.mcap"
     assert run_here("encode", "sim:city?frames=1", recording).returncode == 0
     found = json.loads(run_here("info", f"{recording}?read=messages", "--json").stdout)
-    assert (found["what"], found["packets"]) == ("recording drive.mcap, decoded messages", 348)
+    assert (found["what"], found["packets"]) == ("recording drive.mcap, decoded messages", 359)
     assert "no packets" in the_one_line(run_here("info", f"{recording}?read=packets"))
     assert "'colour'" in the_one_line(run_here("info", f"{recording}?colour=red"))
     result = run_here("info", f"{recording}?read=messages", "--message", "0")

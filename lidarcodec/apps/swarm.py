@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.assembly.rotation import turns_of
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet, part_of
 from lidarcodec.sensor_model import SensorModel
@@ -36,12 +37,15 @@ def vehicle_names(prefix: str, first: int, count: int) -> list[str]:
 
 
 def loaded(spec: str, frames: int) -> tuple[SensorModel, list[Packet]]:
-    """Packets of the first frames of a source, 0.4 MB for each frame.
+    """Packets of the first turns of a source, 0.4 MB for each.
 
     Raises SourceError if there are none, and the errors of opening and reading.
     """
     with open_source(spec) as source:
-        packets = list(part_of(source.packets(), 0, frames * FRAME_PACKETS))
+        if source.sensor.is_hdl64e:
+            packets = list(turns_of(source.packets(), frames))
+        else:
+            packets = list(part_of(source.packets(), 0, frames * FRAME_PACKETS))
         if not packets:
             raise SourceError(f"{spec} has no packets")
         return source.sensor, packets

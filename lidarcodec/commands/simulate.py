@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from lidarcodec.commands.progress import progress
@@ -32,14 +31,15 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
         ending, text = _description(source.sensor)
         if text:
             check_free(_described_in(out, ending), force=force)
-        turn = source.frame_packets
+        turn = None if source.sensor.is_hdl64e else source.frame_packets
+        if frames is not None:
+            source.frames = min(skip + frames, source.frames or skip + frames)
         with whole(out, force=force) as output, progress("simulating", frames) as tick:
             described = bool(text) and not output.straight
             if described:
                 name_of = partial(_described_in, ending=ending)
                 output.companion(name_of, Path(ending).suffix).write_text(text, encoding="utf-8")
-            packets = islice(source.packets(), None if frames is None else (skip + frames) * turn)
-            turns = Turns(packets, stopped, tick, turn)
+            turns = Turns(source.packets(), stopped, tick, turn)
             turns.pass_over(skip)
             with output.beside.open("wb") as handle:
                 PcapWriter(handle).write_all(turns)
@@ -53,12 +53,12 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
     what = "calibration" if source.sensor.is_hdl64e else "metadata"
     beside = [str(_described_in(kept, ending))] if described and kept is not None else []
     tell(
-        {"output": str(kept), "beside": beside, "packets": count, "frames": count / turn},
-        f"{kept}: {count} packets, {count / turn:.1f} frames" + "".join(f"; {what} in {path}" for path in beside),
+        {"output": str(kept), "beside": beside, "packets": count, "frames": turns.turns},
+        f"{kept}: {count} packets, {turns.turns} frames" + "".join(f"; {what} in {path}" for path in beside),
         as_json,
     )
     if turns.cut:
-        raise remaining.stopped(out, kept, count // turn, skip=skip, frames=frames)
+        raise remaining.stopped(out, kept, turns.turns, skip=skip, frames=frames)
 
 
 def _description(sensor: SensorModel) -> tuple[str, str]:

@@ -3,51 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 
+from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.packet import Packet
 from lidarcodec.units import FRAME_PACKETS
 
 
 class Turns:
-    """Packets in turns of `of` data packets. After a signal they end with the current turn.
+    """Packets in turns. After a signal they end with the current turn.
 
-    packets: data packets so far;  positions: position packets among them
+    of: number of data packets in a turn; None: turns of an HDL-64E as its rotation says, the first one may be short
+    packets: data packets so far;  positions: position packets among them;  turns: turns that were begun
     cut: whether packets were left when a signal arrived
     """
 
     def __init__(
-        self, packets: Iterable[Packet], stopped: Callable[[], bool], tick: Callable[[], None], of: int = FRAME_PACKETS
+        self,
+        packets: Iterable[Packet],
+        stopped: Callable[[], bool],
+        tick: Callable[[], None],
+        of: int | None = FRAME_PACKETS,
     ) -> None:
         self.of = of
         self._source, self._stopped, self._tick = iter(packets), stopped, tick
-        self.packets = self.positions = 0
+        self._rotation = RotationWatch()
+        self._first: list[Packet] = []  # the first packets after those that were passed over
+        self.packets = self.positions = self.turns = 0
         self.cut = False
 
     def pass_over(self, turns: int) -> None:
         """Skip that many turns."""
-        number = 0
-        while number < turns * self.of:
-            if number % self.of == 0 and self._stopped():
-                self.cut = True
-                return
-            packet = next(self._source, None)
-            if packet is None:
-                return
-            number += not packet.position
+        passed = number = 0
+        positions: list[Packet] = []
+        for packet in self._source if turns else ():
+            if packet.position:
+                positions.append(packet)
+                continue
+            if self._begins(packet, number):
+                if passed == turns:  # positions behind a turn by rotation are in its frame, else in the next one
+                    self._first = [*(() if self.of is None else positions), packet]
+                    return
+                if self._stopped():
+                    self.cut = True
+                    return
+                passed += 1
+            positions.clear()
+            number += 1
 
     def __iter__(self) -> Iterator[Packet]:
         if self.cut:
             return
-        for packet in self._source:
+        for packet in chain(self._first, self._source):
             if packet.position:
                 self.positions += 1
                 yield packet
                 continue
-            if self.packets % self.of == 0:
+            if self._begins(packet, self.packets):
                 if self._stopped():
                     self.cut = True
                     return
                 if self.packets:
                     self._tick()
+                self.turns += 1
             self.packets += 1
             yield packet
+
+    def _begins(self, packet: Packet, number: int) -> bool:
+        """Whether a turn begins with this data packet; `number` were before it."""
+        if self.of is not None:
+            return number % self.of == 0
+        return self._rotation.begins(packet.payload) or number == 0

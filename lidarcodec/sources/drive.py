@@ -67,7 +67,7 @@ class SimulatedPoses(Poses):
 class SimulatedDrive(PacketSource):
     """A drive through a simulated scene: what it has in common for all sensors. Arguments as of SimulatorSource.
 
-    frame_packets: packets of a frame; frames and skip are counted in them
+    frame_packets: packets of a turn; of an HDL-64E 348, in which `skip` is counted: its turns have 358 to 360
     """
 
     poses: SimulatedPoses
@@ -103,9 +103,13 @@ class SimulatedDrive(PacketSource):
         super().__init__(sensor)
         self.label = f"simulated {scene}, seed {seed}"
         self.scene, self.seed, self.frames = scene, seed, frames
-        self.drive_ns = start_ns
         self._options = (scene, seed, 0.0 if speed is None else float(speed), float(traffic))
-        self.poses = SimulatedPoses(self._options, start_ns)
+        self._begin(start_ns)
+
+    def _begin(self, drive_ns: int) -> None:
+        """Set the time at which the drive starts."""
+        self.drive_ns = drive_ns
+        self.poses = SimulatedPoses(self._options, drive_ns)
 
     def ground_height(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without grass."""

@@ -7,7 +7,7 @@ describes the scenes and compares them with real drives.
 >>> source = SimulatorSource.from_spec("sim:city?seed=3&frames=1")
 >>> stamps = [packet.stamp_ns for packet in source.packets()]
 >>> len(stamps), source.sensor.origin, source.poses(stamps).shape
-(348, 'simulated', (348, 4, 4))
+(359, 'simulated', (359, 4, 4))
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
+from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import HDL64E, Calibration, SensorModel
@@ -69,13 +70,16 @@ class SimulatorSource(SimulatedDrive):
 
     scene:    one of SCENES
     seed:     determines town, traffic and noise
-    frames:   number of frames of 348 packets; None = endless
+    frames:   number of turns; None = endless
     speed:    top speed in m/s, 0.5 to 40; None = that of the scene
     traffic:  factor of the scene's usual traffic, 0 to 3
-    skip:     number of frames of 348 packets to leave out at the start of the drive (cost: 1 s for 6000)
-    start_ns: host and GPS time of the drive's start, ns since the Unix epoch; the attribute is the first packet's time
+    skip:     how many times 348 packets (0.1 s) to leave out at the start of the drive
+    start_ns: host and GPS time of the first packet without `skip`, ns since the Unix epoch; the attribute is that of
+              the first packet
+    only:     exactly this number of packets instead of turns, from wherever the sensor looks when the drive starts
 
-    A packet's time stamp is the moment of its first firing, by the host's clock and by GPS.
+    Without `only` the first packet is the first of a turn. A packet's time stamp is the moment of its first firing, by
+    the host's clock and by GPS.
     Raises UnknownNameError for another scene, SourceError for a value out of range.
     """
 
@@ -89,12 +93,19 @@ class SimulatorSource(SimulatedDrive):
         traffic: float = 1.0,
         skip: int = 0,
         start_ns: int = START_NS,
+        only: int | None = None,
     ) -> None:
         super().__init__(
             simulated_sensor(), scene, seed, frames, speed=speed, traffic=traffic, skip=skip, start_ns=start_ns
         )
+        if only is not None and frames is not None:
+            raise SourceError(f"sim:{scene}: give frames or packets, not both")
+        self.only = only
         self._skipped = skip * FRAME_PACKETS
-        self.start_ns = start_ns + self._skipped * PACKET_NS
+        if only is None:
+            self._begin(max(start_ns - _packets_before_a_turn(seed, 0) * PACKET_NS, 0))
+            self._skipped += _packets_before_a_turn(seed, self._skipped)
+        self.start_ns = self.drive_ns + self._skipped * PACKET_NS
 
     @classmethod
     def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatedDrive:
@@ -108,12 +119,15 @@ class SimulatorSource(SimulatedDrive):
         if given.scheme != "sim":
             raise SourceError(f"'{given.text}' is not a simulated drive: use sim:{', sim:'.join(SCENES)}")
         named = given.options.get("sensor", HDL64E) != HDL64E
-        given.only("seed", "frames", "skip", "speed", "traffic", "sensor", *SENSOR_OPTIONS)
+        given.only("seed", "frames", "skip", "speed", "traffic", "sensor", "packets", *SENSOR_OPTIONS)
         odd = [] if named else [name for name in SENSOR_OPTIONS if name in given.options]
         if odd:
             raise SourceError(f"source option {odd[0]}: an HDL-64E has none, other sensors have: add sensor=...")
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
-        make = partial(_spinning, given) if named else cls
+        only = given.whole("packets", 1, MAX_FRAMES)
+        if named and only is not None:
+            raise SourceError("source option packets: only an HDL-64E has it; use frames, the number of turns")
+        make = partial(_spinning, given) if named else partial(cls, only=only)
         source = make(
             given.place or "city",
             1 if seed is None else seed,
@@ -128,16 +142,17 @@ class SimulatorSource(SimulatedDrive):
 
     def packets(self) -> Iterator[Packet]:
         """The drive's packets, from its start."""
-        simulator = self._simulator()
-        left = math.inf if self.frames is None else self.frames * FRAME_PACKETS
-        first = 0
+        simulator, rotation = self._simulator(), RotationWatch()
+        left = math.inf if self.only is None else self.only
+        turns, first = 1, 0
         while left > 0:
             count = int(min(CHUNK_PACKETS, left))
             data = simulator.packets(count).tobytes()
             for k in range(count):
-                if self.closed:
-                    return
                 payload = data[k * PACKET_BYTES : (k + 1) * PACKET_BYTES]
+                turns += rotation.begins(payload)
+                if self.closed or (self.frames is not None and turns > self.frames):
+                    return
                 yield Packet(payload, self.start_ns + (first + k) * PACKET_NS)
             first += count
             left -= count
@@ -158,6 +173,17 @@ class SimulatorSource(SimulatedDrive):
         simulator = _native.Simulator(*self._options, self.drive_ns)
         simulator.skip(self._skipped)
         return simulator
+
+
+@lru_cache(maxsize=64)
+def _packets_before_a_turn(seed: int, skipped: int) -> int:
+    """Packets from the one after `skipped` to the first one of a turn. The rotor is the same in every scene."""
+    simulator, rotation = _native.Simulator("garage", seed, 0.0, 0.0, START_NS), RotationWatch()
+    simulator.skip(skipped)
+    number = 0
+    while not rotation.begins(simulator.packets(1).tobytes()):
+        number += 1
+    return number
 
 
 def _spinning(spec: Spec, *drive: Any, **options: Any) -> SimulatedDrive:
