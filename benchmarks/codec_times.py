@@ -22,6 +22,7 @@ from time import process_time
 from typing import Any
 from unittest.mock import patch
 
+from benchmarks.scenes import FRAMING
 from lidarcodec import api
 from lidarcodec.codecs import table
 from lidarcodec.frame import Frame
@@ -114,7 +115,7 @@ def main() -> int:
     parser.add_argument("--codecs", default=",".join(table.names()))
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     given = parser.parse_args()
-    frames = list(islice(api.read_frames(given.source), given.frames))
+    frames = list(islice(api.read_frames(given.source, FRAMING), given.frames))
     frames = frames[: len(frames) // GROUP * GROUP]
     if len(frames) < 2 * GROUP:
         parser.error(f"{given.source} has fewer than {2 * GROUP} frames")

@@ -4,7 +4,8 @@
     python -m benchmarks.curves --draw docs                    pictures of what stands there
 
 One scene by hand: `lidarcodec bench SOURCE --codec pcodec,predictive,png,jxl,jpeg,h264 --curve
---set intensity=off --skip 40 --frames 48 --json --plot curves.png`, and the peers with `--peers --metrics all`.
+--set framing=packets --set intensity=off --skip 40 --frames 48 --json --plot curves.png`, and the peers with
+`--peers --metrics all`.
 
 Frames of a scene follow each other, because `jpeg-layered` and the video codecs live on that: 48 are six groups of
 eight, and hold one key frame of the 50 that video has by default.
@@ -22,7 +23,7 @@ from typing import Any
 
 from benchmarks.curve_tables import draw, text
 from benchmarks.results import FOLDER, here
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from benchmarks.tables import KITTI
 from lidarcodec.commands import simulate
 from lidarcodec.commands.bench.curve import curve, knob_of
@@ -33,6 +34,7 @@ from lidarcodec.evaluation.peers.run import bench_peer
 
 RESULTS = FOLDER / "curves.json"
 CODECS = "pcodec,predictive,png,jxl,jpeg,jpeg-layered,h264,h264-log"
+FRAMED = f"framing={FRAMING}"
 PEER_FRAMES = 4
 FIVE_CM = {
     "pcodec": "max_error_m=0.086",
@@ -74,7 +76,7 @@ RUNS = {
     "0013": Run("KITTI 0013", "kitti_0013_f052-107.pcap.xz", "drives past much vegetation, 12 m/s", 8, peers=True),
     "sfnd": Run("KITTI sfnd", "kitti_sfnd_f000-049.pcap.xz", "brakes and stands, 0.8 m/s on average", 2),
     "0006": Run("KITTI tracking 0006", "kitti_tracking0006_f000-010.pcap.xz", "stands", 0, 8),
-    "city": Run("simulated town", "sim:city?seed=1&frames=60", "drives; simulated, no measurement of a sensor", 8),
+    "city": Run("simulated town", "sim:city?seed=1&packets=20880", "drives; simulated, no measurement of a sensor", 8),
 }
 
 
@@ -107,7 +109,7 @@ def measure(run: Run) -> dict[str, Any]:
 def _measured(run: Run, spec: str) -> dict[str, Any]:
     common: dict[str, Any] = {"skip": run.skip, "calibration": run.calibration}
     found = []
-    for settings in curve(CODECS, ["intensity=off"]):
+    for settings in curve(CODECS, [FRAMED, "intensity=off"]):
         result = bench(spec, settings, frames=run.frames, **common)
         found.append(_kept(result))
         print(run.title, settings.codec, found[-1]["knob"], f"{1e3 * (result['rmse_m'] or 0):.1f} mm",
@@ -116,16 +118,16 @@ def _measured(run: Run, spec: str) -> dict[str, Any]:
     out |= {"points_per_frame": result["points_per_frame"], "results": found, "peers": [], "ours": [], "by_range": []}
     if run.peers:
         some: dict[str, Any] = common | {"frames": PEER_FRAMES, "metrics": "all"}
-        for settings in sweep("pcodec,predictive,jxl", ["intensity=off", "max_error_m=0,0.01,0.05,0.2"]):
+        for settings in sweep("pcodec,predictive,jxl", [FRAMED, "intensity=off", "max_error_m=0,0.01,0.05,0.2"]):
             out["ours"].append(_kept(bench(spec, settings, **some), MORE))
         for codec, pair in FIVE_CM.items():
             result = bench(
-                spec, one_setting(codec, ["intensity=off", pair]), **common, frames=run.frames, metrics="all"
+                spec, one_setting(codec, [FRAMED, "intensity=off", pair]), **common, frames=run.frames, metrics="all"
             )
             out["by_range"].append(_kept(result, ("range_errors",)))
         for name in peers.names():
             for value in peers.peer(name).values:
-                out["peers"].append(_kept(bench_peer(spec, name, value, **some), MORE))
+                out["peers"].append(_kept(bench_peer(spec, name, value, framing=FRAMING, **some), MORE))
                 print(run.title, name, value, file=sys.stderr, flush=True)
     return out
 

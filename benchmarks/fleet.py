@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.memory import memory_mib
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.demo.processes import free_port
 
 ROUTER = (
@@ -129,7 +130,8 @@ def measure(vehicles: int, watched: int, codec: str, source: str, seconds: float
     """The cost of so many vehicles, of which so many streams are watched by one viewer each."""
     endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     lidarcodec = (sys.executable, "-m", "lidarcodec.cli")
-    swarm = (*lidarcodec, "swarm", str(vehicles), source, "--codec", codec, "--frames", "20", "--connect", endpoint)
+    swarm = (*lidarcodec, "swarm", str(vehicles), source, "--codec", codec, "--connect", endpoint)
+    swarm += ("--frames", "20", "--set", f"framing={FRAMING}")
     swarm += ("--shared",) if shared else ("--processes", "1")
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         database = {"LIDARCODEC_DATABASE_URL": f"sqlite:///{folder}/server.db"}

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import lidarcodec
 from benchmarks.latency import free_port
+from benchmarks.scenes import FRAMING
 from lidarcodec.packet import Packet
 
 LAST_PACKETS_S = 2.0
@@ -91,7 +92,7 @@ def publish(capture: Path, codec: str, calibration: Path | None, port: int) -> N
     with lidarcodec.open_source(capture, calibration=calibration) as source:
         lidarcodec.Publisher(
             source,
-            lidarcodec.StreamSettings(codec=codec),
+            lidarcodec.StreamSettings(codec=codec, framing=FRAMING),
             vehicle="identity",
             rate="max",
             endpoints=lidarcodec.Endpoints(loopback_port=port),

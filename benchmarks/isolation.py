@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import lidarcodec
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.codecs import table
 
@@ -36,7 +37,7 @@ def main() -> None:
     given = parser.parse_args()
     settings = lidarcodec.StreamSettings(codec=given.codec)
     with lidarcodec.open_source(given.source) as source:
-        frames = [frame for frame, _ in zip(lidarcodec.read_frames(source), range(given.frames), strict=False)]
+        frames = [frame for frame, _ in zip(lidarcodec.read_frames(source, FRAMING), range(given.frames), strict=False)]
     for name, choice in (("in this process", "never"), ("in a process of its own", "always")):
         sender, receiver = (Isolation(choice, print) for _ in range(2))
         encoder, decoder = sender.make_encoder(settings, 1), receiver.make_decoder(table.codec_id(given.codec))

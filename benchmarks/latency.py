@@ -20,6 +20,7 @@ from typing import Any
 
 import lidarcodec
 from benchmarks.link_ends import looped
+from benchmarks.scenes import FRAMING
 from lidarcodec.codecs import table
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.sources import open_source
@@ -44,7 +45,7 @@ def publish(options: argparse.Namespace) -> None:
     with open_source(options.source) if simulated else looped(options.source) as source:
         publisher = lidarcodec.Publisher(
             source,
-            one_setting(options.codec, options.set),
+            one_setting(options.codec, [f"framing={FRAMING}", *options.set]),
             vehicle="latency",
             rate=options.rate,
             endpoints=lidarcodec.Endpoints(loopback_port=options.port),

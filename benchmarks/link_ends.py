@@ -23,6 +23,7 @@ import numpy as np
 import zenoh
 
 import lidarcodec
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.receiver.stats import last_packet_ns
 from lidarcodec.errors import MissingReferenceError
 from lidarcodec.frame import Frame
@@ -98,7 +99,11 @@ def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) 
         return
     endpoints = lidarcodec.Endpoints.of(listen=listen)
     with lidarcodec.Publisher(
-        looped(source), settings_from(settings), vehicle=KEYS.vehicle, sensor=KEYS.sensor, endpoints=endpoints
+        looped(source),
+        settings_from({"framing": FRAMING, **settings}),
+        vehicle=KEYS.vehicle,
+        sensor=KEYS.sensor,
+        endpoints=endpoints,
     ) as publisher:
         while not stop.wait(STATUS_S):
             status = publisher.status()
@@ -109,10 +114,10 @@ def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) 
 
 def publish_plain(policy: str, source: str, listen: str, settings: dict[str, Any], stop: threading.Event) -> None:
     """Encode and put every frame in the loop that reads them."""
-    encoder, paced = StreamEncoder(settings_from(settings)), looped(source)
+    encoder, paced = StreamEncoder(settings_from({"framing": FRAMING, **settings})), looped(source)
     with session(listen=[listen]) as opened:
         publisher = opened.declare_publisher(KEYS.frame, congestion_control=PLAIN[policy])
-        for frame in frames_of(paced.packets(), paced.sensor):
+        for frame in frames_of(paced.packets(), paced.sensor, FRAMING):
             for message in encoder.encode(frame):
                 publisher.put(pack(message))
             if stop.is_set():
@@ -123,7 +128,7 @@ def receive(*, policy: str, source: str, connect: str) -> None:
     """Say of each frame when it was there, how late, and how far from the original, until SIGTERM."""
     stop = stopped()
     turns = Turns(source)
-    originals = [frame.range for frame in frames_of(turns.packets(), turns.sensor)]
+    originals = [frame.range for frame in frames_of(turns.packets(), turns.sensor, FRAMING)]
     say(ready=True)
     if policy in PLAIN:
         receive_plain(connect, originals, stop)

@@ -1,6 +1,7 @@
 """What few returns cost, and how well a car finds its place by them: the working points of the purpose `localise`.
 
-    lidarcodec evaluate localisation "sim:road?seed=11" "sim:motorway?seed=12" "sim:bend?seed=13" --frames 162 \\
+    lidarcodec evaluate localisation "sim:road?seed=11&packets=58000" \\
+        "sim:motorway?seed=12&packets=58000" "sim:bend?seed=13&packets=58000" --frames 162 \\
         --codec predictive --reduction voxel-seen --keep-points 1800,3000,5000,8500,15000 \\
         --set max_error_m=0.01,0.03,0.1 --protocol near --protocol track --json > errors.json
     python -m benchmarks.localise_points errors.json [--codecs riddle,pcodec] [--frames 1] [--coarse] [--write]
@@ -34,8 +35,8 @@ OUT: Final = Path(__file__).parents[1] / "lidarcodec/ratecontrol/working_points_
 DRIVES: Final = (
     ("kitti_0013_f052-107.pcap.xz", 10),
     ("kitti_0001_f000-089.pcap.xz", 40),
-    ("sim:road?seed=11&frames=40", 20),
-    ("sim:city?seed=3&frames=40", 20),
+    ("sim:road?seed=11&packets=13920", 20),
+    ("sim:city?seed=3&packets=13920", 20),
 )
 STEPS: Final = (9, 13, 19, 28, 40, 60, 90)
 """More than one in nine are not taken, as more than 15,000 returns were not looked at: what moves is among the rest."""

@@ -16,9 +16,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream
+from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport import Endpoints
@@ -47,7 +49,9 @@ def _publish(capture: str, endpoint: str) -> None:
     samples: list[float] = []
     with (
         closing(open_source(capture, realtime=True, loop=True, restamp=True, speed=SPEED)) as source,
-        Publisher(source, vehicle=VEHICLE, endpoints=Endpoints.of(connect=[endpoint])) as publisher,
+        Publisher(
+            source, StreamSettings(framing=FRAMING), vehicle=VEHICLE, endpoints=Endpoints.of(connect=[endpoint])
+        ) as publisher,
     ):
         while publisher.status()["frames"] < FRAMES:
             if publisher.wait(0.05):
@@ -62,7 +66,7 @@ def measure() -> dict[str, Any]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         capture = Path(folder) / "town.pcap"
-        with open_source(f"sim:city?frames={LOOPED_FRAMES}") as source, capture.open("wb") as file:
+        with open_source(f"sim:city?packets={LOOPED_FRAMES * FRAME_PACKETS}") as source, capture.open("wb") as file:
             PcapWriter(file).write_all(islice(source.packets(), LOOPED_FRAMES * FRAME_PACKETS))
         command = [sys.executable, "-m", "benchmarks.memory", "--publish", str(capture), endpoint]
         with (

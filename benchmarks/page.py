@@ -27,6 +27,7 @@ from typing import Any
 
 import httpx
 
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.demo.processes import free_port
 
 FLAGS = [
@@ -42,7 +43,7 @@ LONG_MS = 50.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--source", default="sim:city?frames=100000")
+    parser.add_argument("--source", default="sim:city?packets=34800000")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--memory-minutes", type=float, default=0.0)
     parser.add_argument("--compare", action="store_true")
@@ -214,7 +215,7 @@ def _system(source: str) -> Iterator[str]:
     command = [sys.executable, "-m", "lidarcodec.cli"]
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as ends:
         server = [*command, "serve", "--port", str(port), "--database-url", f"sqlite:///{folder}/server.db"]
-        vehicle = [*command, "publish", source, "--original"]
+        vehicle = [*command, "publish", source, "--original", "--set", f"framing={FRAMING}"]
         if source.startswith("sim:"):
             vehicle += ["--poses", "source"]
         for words in (server, vehicle):

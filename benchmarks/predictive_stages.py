@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks.range_stages import KITTI_WEIGHTS, build, stages
 from benchmarks.run import _commit, machine
-from benchmarks.scenes import DATA, HERE
+from benchmarks.scenes import DATA, FRAMING, HERE
 from benchmarks.thread_scaling import thread_scaling
 from lidarcodec import entropy
 from lidarcodec.cloud import xyz_of
@@ -76,7 +76,7 @@ IN_THREADS = ("riddle, effort 2", "riddle, effort 4")
 def frames(spec: str, calibration: Path | None, count: int, thin: int) -> list[Frame]:
     """The first frames of a source; of each every `thin`th column, as of a sensor that turns so much faster."""
     with open_source(spec, calibration=calibration) as source:
-        given = list(islice(frames_of(source.packets(), source.sensor), count))
+        given = list(islice(frames_of(source.packets(), source.sensor, FRAMING), count))
     return given if thin == 1 else [_thinned(frame, thin) for frame in given]
 
 

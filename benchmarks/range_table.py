@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks import results, split
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from lidarcodec.codecs import table
 from lidarcodec.evaluation.geometry import xyz_of
 from lidarcodec.evaluation.peers.table import peer
@@ -48,8 +48,8 @@ DRIVES: dict[str, tuple[str, str, str | None]] = {
     "0006": ("KITTI tracking 0006: the car stands", "kitti_tracking0006_f000-010.pcap.xz", KITTI),
     "odometry": ("KITTI odometry 00, moved by its motion and re-gridded", "", None),
     "s3": ("HDL-64E S3, real capture", "hdl64e_s3_atwall.pcap", "hdl64e_s3_atwall_db.xml"),
-    "city": ("simulated town", "sim:city?seed=1&frames=42", None),
-    "road": ("simulated road", "sim:road?seed=1&frames=42", None),
+    "city": ("simulated town", "sim:city?seed=1&packets=14616", None),
+    "road": ("simulated road", "sim:road?seed=1&packets=14616", None),
 }
 
 OF_KITTI = str(Path(__file__).parent / "weights" / "riddle-kitti.lcrw")
@@ -176,7 +176,7 @@ def frames_of_drive(drive: str) -> Iterator[Frame]:
                     lzma.decompress((DATA / name).read_bytes())
                 )
         with open_source(spec, calibration=None if calibration is None else DATA / calibration) as source:
-            for frame in islice(frames_of(source.packets(), source.sensor), 400):
+            for frame in islice(frames_of(source.packets(), source.sensor, FRAMING), 400):
                 if frame.side is not None and frame.side.packets < 300:
                     break
                 yield frame

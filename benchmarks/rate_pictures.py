@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks import results
 from benchmarks.rate_table import Sent
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from benchmarks.working_points import chamfer
 from lidarcodec import api
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
@@ -36,7 +36,7 @@ DRIVES: Final = {
     "0006": "kitti_tracking0006_f000-010.pcap.xz",
     "0013": "kitti_0013_f052-107.pcap.xz",
     "sfnd": "kitti_sfnd_f000-049.pcap.xz",
-    "city": "sim:city?frames=60",
+    "city": "sim:city?packets=20880",
 }
 HEAD: Final = (
     "| target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
@@ -101,7 +101,7 @@ def main() -> None:
     for drive in given.drives.split(","):
         spec = DRIVES[drive]
         source = spec if spec.startswith("sim:") else str(DATA / spec)
-        frames = list(islice(api.read_frames(source), given.frames))
+        frames = list(islice(api.read_frames(source, FRAMING), given.frames))
         for codec in given.codecs.split(","):
             lines = [HEAD]
             print(f"{drive}, {codec}", HEAD, sep="\n")

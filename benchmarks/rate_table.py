@@ -18,6 +18,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 
+from benchmarks.scenes import FRAMING
 from lidarcodec import api
 from lidarcodec.codecs import table
 from lidarcodec.frame import Frame
@@ -102,7 +103,8 @@ def main() -> None:
     given = parser.parse_args()
     others = dict(item.split("=", 1) for item in given.set)
     drives = {
-        name: long_enough(list(api.read_frames(spec))) for name, _, spec in (s.partition("=") for s in given.sources)
+        name: long_enough(list(api.read_frames(spec, FRAMING)))
+        for name, _, spec in (s.partition("=") for s in given.sources)
     }
     print("| drive | codec | can send | target | mean | worst 5 s | highest 1 s |\n|---|---|---|---|---|---|---|")
     for name, frames in drives.items():

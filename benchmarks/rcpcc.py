@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from benchmarks import results
 from benchmarks.rate_pictures import COMPARED, DRIVES
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from benchmarks.working_points import apart
 from lidarcodec import api
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
@@ -135,7 +135,7 @@ def main() -> None:
     given = parser.parse_args()
     spec = DRIVES[given.drive]
     source = spec if spec.startswith("sim:") else str(DATA / spec)
-    frames = list(islice(api.read_frames(source, calibration=given.calibration), given.frames))
+    frames = list(islice(api.read_frames(source, FRAMING, calibration=given.calibration), given.frames))
     lines = [HEAD]
     print(HEAD)
     for line in rows(given.driver.resolve(), frames, given.codec):

@@ -18,6 +18,7 @@ from time import process_time
 
 import numpy as np
 
+from benchmarks.scenes import FRAMING
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.reduction import make_reducer, names, reduction
@@ -74,7 +75,7 @@ def main() -> int:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     given = parser.parse_args()
     with open_source(given.source, calibration=given.calibration, poses=given.poses) as source:
-        posed = with_poses(frames_of(source.packets(), source.sensor), source.poses)
+        posed = with_poses(frames_of(source.packets(), source.sensor, FRAMING), source.poses)
         frames = list(islice((frame for frame in posed if frame.points > 50_000), given.frames))
     if len(frames) <= 2 * WARM_UP:
         parser.error(f"{given.source} has {len(frames)} whole frames: more than {2 * WARM_UP} are needed")

@@ -7,11 +7,13 @@ import os
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.settings import StreamSettings, settings_from
 
 HERE = Path(__file__).resolve().parent
+FRAMING: Final = "packets"
+"""Framing of the recorded figures: 348 packets a frame. Programs whose figures have another one say so."""
 DATA = Path(os.environ.get("LIDARCODEC_DATA", HERE.parent.parent / "shared" / "data"))
 
 
@@ -44,7 +46,7 @@ def _load() -> dict[str, Any]:
 
 def settings() -> list[StreamSettings]:
     """The settings that every scene is measured with."""
-    return [settings_from(entry) for entry in _load()["setting"]]
+    return [settings_from({"framing": FRAMING, **entry}) for entry in _load()["setting"]]
 
 
 def scenes() -> tuple[list[Scene], list[str]]:

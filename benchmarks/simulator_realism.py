@@ -19,7 +19,7 @@ import numpy.typing as npt
 import zstandard
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, standalone
 
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
@@ -77,7 +77,7 @@ def _differences(frame: Frame) -> npt.NDArray[np.int64]:
 def frames(spec: str, calibration: Path | None, every: int = 1, most: int | None = None) -> Iterator[Frame]:
     """Whole frames of a source, one in `every`."""
     with open_source(spec, calibration=calibration) as source:
-        for frame in islice(frames_of(source.packets(), source.sensor), 0, most, every):
+        for frame in islice(frames_of(source.packets(), source.sensor, FRAMING), 0, most, every):
             if frame.side is not None and frame.side.packets == FRAME_PACKETS:
                 yield frame
 
@@ -92,7 +92,7 @@ def city() -> Iterator[Frame]:
     """One frame at each of a few places of each of a few towns."""
     for seed in SEEDS:
         for skip in PLACES:
-            yield from frames(f"sim:city?seed={seed}&frames=1&skip={skip}", None)
+            yield from frames(f"sim:city?seed={seed}&packets=348&skip={skip}", None)
 
 
 def main(sources: list[str]) -> None:

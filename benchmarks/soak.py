@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.memory import memory_mib
+from benchmarks.scenes import FRAMING
 from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream
@@ -125,7 +126,7 @@ class Endless(PacketSource):
 
 def publish_every(source: str, codec: str, endpoint: str) -> None:
     """The publisher's process with `--rate max`: every frame, until it is stopped."""
-    settings = StreamSettings(codec=codec)
+    settings = StreamSettings(codec=codec, framing=FRAMING)
     sensor, packets = loaded(source, LOOPED_FRAMES)
     endpoints = Endpoints.of(connect=[endpoint])
     with Publisher(Endless(sensor, packets), settings, vehicle=VEHICLE, rate="max", endpoints=endpoints) as publisher:
@@ -148,7 +149,7 @@ def main() -> int:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     every = chosen.rate == "max"
     command = [sys.executable, "-m", "lidarcodec.cli", "publish", chosen.source, "--vehicle", VEHICLE]
-    command += ["--codec", chosen.codec, "--connect", endpoint]
+    command += ["--codec", chosen.codec, "--set", f"framing={FRAMING}", "--connect", endpoint]
     if every:
         own = ["--source", chosen.source, "--codec", chosen.codec, "--publish-to", endpoint]
         command = [sys.executable, "-m", "benchmarks.soak", *own]

@@ -18,7 +18,7 @@ from time import thread_time
 from typing import Any
 from unittest.mock import patch
 
-from benchmarks.scenes import Scene
+from benchmarks.scenes import FRAMING, Scene
 from lidarcodec.assembly import Assembler, packets_of
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
@@ -91,7 +91,7 @@ def stage_times(scene: Scene) -> dict[str, float]:
     Raises AssertionError if the packets do not come back as they were: a time would mean nothing then.
     """
     sensor, groups = _groups(scene)
-    assembler, encoder, decoder = Assembler(sensor), StreamEncoder(StreamSettings()), StreamDecoder()
+    assembler, encoder, decoder = Assembler(sensor, FRAMING), StreamEncoder(StreamSettings()), StreamDecoder()
     times: Times = defaultdict(list)
     with _stopwatches(times):
         for group in [groups[0], *groups]:  # the first one twice: it warms up, and is not counted

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.range_table import COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.networks import Weights
@@ -40,7 +40,7 @@ def frames(drive: str, most: int) -> list[Frame]:
     _, file, calibration = DRIVES[drive]
     spec = file if file.startswith("sim:") else str(DATA / file)
     with open_source(spec, calibration=None if calibration is None else DATA / calibration) as source:
-        found = islice(frames_of(source.packets(), source.sensor), most)
+        found = islice(frames_of(source.packets(), source.sensor, FRAMING), most)
         return [frame.with_(side=None) for frame in found if frame.side is None or frame.side.packets >= 300]
 
 

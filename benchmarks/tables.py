@@ -19,7 +19,7 @@ from typing import Any
 import zstandard
 
 from benchmarks import results, split
-from benchmarks.scenes import DATA
+from benchmarks.scenes import DATA, FRAMING
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.report import label
 from lidarcodec.pipeline import frames_of
@@ -33,7 +33,7 @@ SCENES = {
     "0013": ("KITTI raw, drive 0013", "kitti_0013_f052-107.pcap.xz", KITTI),
     "sfnd": ("KITTI raw, drive `sfnd`", "kitti_sfnd_f000-049.pcap.xz", KITTI),
     "s3": ("HDL-64E S3, real capture", "hdl64e_s3_atwall.pcap", "hdl64e_s3_atwall_db.xml"),
-    "city": ("simulated town", "sim:city?seed=1&frames=100", None),
+    "city": ("simulated town", "sim:city?seed=1&packets=34800", None),
 }
 SETTINGS = (
     StreamSettings(codec="pcodec"),
@@ -60,7 +60,7 @@ PEERS: dict[str, Callable[[bytes], bytes]] = {
 }
 ALONE = {"framing": split.FRAMING, "key_interval": 1}
 """Settings of single scans: each is a whole revolution and refers to no other."""
-ALONE_SAID = f" framing={split.FRAMING} key_interval=1"
+ALONE_SAID = f"framing={split.FRAMING} key_interval=1"
 PLANES = ("range", "mask", "geometry", "intensity", "azimuth", "side", "header", "total")
 REST = ("ratio", "kbit/s", "RMSE mm", "max mm", "packets")
 HEAD = f"| codec | {' | '.join(PLANES + REST)} |\n|---|{'---:|' * len(PLANES + REST)}"
@@ -68,7 +68,7 @@ HEAD = f"| codec | {' | '.join(PLANES + REST)} |\n|---|{'---:|' * len(PLANES + R
 
 def _row(result: dict[str, Any]) -> str:
     cells = [
-        f"`{label(result).replace(ALONE_SAID, '')}`",
+        f"`{label(result).replace(f' framing={FRAMING}', '').replace(' key_interval=1', '')}`",
         *(f"{result['bits_per_point'][name]:.3f}" for name in PLANES),
         f"{result['ratio']:.2f}",
         f"{result['kbps_at_10hz']:,.0f}",
@@ -114,20 +114,25 @@ def _scene(scene: str, frames: int | None) -> str | None:
         return None
     found = None if calibration is None else DATA / calibration
     alone = ALONE if scene == split.NAME else {}
-    settings = [one.changed(**alone) for one in SETTINGS if not (alone and "motion" in one.codec_settings)]
+    settings = [
+        one.changed(**({"framing": FRAMING} | alone))
+        for one in SETTINGS
+        if not (alone and "motion" in one.codec_settings)
+    ]
     rows = [bench(spec, one, frames=frames, calibration=found) for one in settings]
     first = rows[0]
     origin = first["calibration"]
     about = (
         f"`{name}`, {first['frames']} frames, {first['points_per_frame']:,.0f} points a frame, "
-        f"calibration {origin['origin']} `{origin['hash']}`" + (f", all with `{ALONE_SAID.strip()}`." if alone else ".")
+        f"calibration {origin['origin']} `{origin['hash']}`, "
+        f"all with `{ALONE_SAID if alone else f'framing={FRAMING}'}`."
     )
     return "\n".join(
         [
             f"### {title}\n\n{about}\n",
             HEAD,
             *map(_row, rows),
-            *_peer_rows(spec, found, frames, str(alone.get("framing", "packets"))),
+            *_peer_rows(spec, found, frames, str(alone.get("framing", FRAMING))),
         ]
     )
 

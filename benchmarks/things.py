@@ -23,6 +23,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.scenes import FRAMING
 from benchmarks.working_points import BOUNDS_M, STEPS, coded, table_text
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
 from lidarcodec.frame import Frame
@@ -34,10 +35,10 @@ from lidarcodec.units import FRAME_PACKETS, PACKET_INTERVAL_US
 
 OUT: Final = Path(__file__).parents[1] / "lidarcodec/ratecontrol/working_points_detect.json"
 TOWNS: Final = (
-    "sim:city?seed=3&skip=20",
-    "sim:city?seed=5&skip=60",
-    "sim:city?seed=7&skip=40",
-    "sim:street?seed=4&skip=10",
+    "sim:city?seed=3&skip=20&packets=100000",
+    "sim:city?seed=5&skip=60&packets=100000",
+    "sim:city?seed=7&skip=40&packets=100000",
+    "sim:street?seed=4&skip=10&packets=100000",
 )
 FRAMES: Final = 3
 KINDS: Final = ("vehicle", "person", "pole", "other")
@@ -64,7 +65,7 @@ def frames_with_things(spec: str, count: int) -> list[tuple[Frame, list[Thing]]]
     stamps = source.start_ns + 1000 * PACKET_INTERVAL_US * np.arange(len(payloads))
     packets = [Packet(data.tobytes(), int(stamp)) for data, stamp in zip(payloads, stamps, strict=True)]
     found, first = [], 0
-    for frame in frames_of(packets, source.sensor):
+    for frame in frames_of(packets, source.sensor, FRAMING):
         of_frame = labels[first : first + frame.width, frame.sensor.laser_of_ring].T
         first += frame.width
         found.append((frame, things_in(frame, of_frame)))

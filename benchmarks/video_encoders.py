@@ -18,6 +18,7 @@ from typing import NamedTuple
 import av
 import numpy as np
 
+from benchmarks.scenes import FRAMING
 from lidarcodec import api
 from lidarcodec.frame import Frame
 from lidarcodec.ranges.image.canvas import level_offsets
@@ -152,7 +153,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=16)
     parser.add_argument("--only", default="")
     given = parser.parse_args()
-    drives = {name: list(pictures_of(list(api.read_frames(spec))[: given.frames]))
+    drives = {name: list(pictures_of(list(api.read_frames(spec, FRAMING))[: given.frames]))
               for name, _, spec in (source.partition("=") for source in given.sources)}  # fmt: skip
     titles = [f"{name} {100 * error:.0f} cm" for name in drives for error in ERRORS_M]
     print("| encoder | " + " | ".join(titles) + " | encode ms | decode ms |\n" + "|---" * (len(titles) + 3) + "|")

@@ -27,6 +27,7 @@ import httpx
 import uvicorn
 from websockets.asyncio.client import connect
 
+from benchmarks.scenes import FRAMING
 from lidarcodec import Publisher, StreamSettings, open_source
 from lidarcodec.apps.publisher.source import NOMINAL_HZ
 from lidarcodec.sources.pacing import PacedSource
@@ -48,7 +49,7 @@ SETTLE_S = 3.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--source", default="sim:city?frames=100")
+    parser.add_argument("--source", default="sim:city?packets=34800")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--viewers", default="1,10,50")
     parser.add_argument("--codec", default="pcodec")
@@ -96,7 +97,8 @@ def publish(spec: str, codec: str) -> None:
     """The vehicle, in a process of its own: over and over, at 10 Hz."""
     with open_source(spec) as source:
         Publisher(
-            PacedSource(source, speed=10.0 / NOMINAL_HZ, loop=True, restamp=True), StreamSettings(codec=codec)
+            PacedSource(source, speed=10.0 / NOMINAL_HZ, loop=True, restamp=True),
+            StreamSettings(codec=codec, framing=FRAMING),
         ).run()
 
 

@@ -41,7 +41,7 @@ DRIVES: Final = (
     ("kitti_0013_f052-107.pcap.xz", 10),
     ("kitti_sfnd_f000-049.pcap.xz", 10),
     ("kitti_0001_f000-089.pcap.xz", 40),
-    ("sim:city?seed=3&frames=20", 5),
+    ("sim:city?seed=3&packets=6960", 5),
 )
 STEPS: Final = (1, 2, 3, 4, 6, 8, 10, 12, 16, 24)
 BOUNDS_M: Final = (0.0, 0.002, 0.008, 0.02, 0.045, 0.1, 0.2, 0.3)

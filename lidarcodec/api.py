@@ -6,8 +6,8 @@
 >>> for frame in lidarcodec.decode(messages):
 ...     cloud = frame.cloud()
 ...     print(frame.index, frame.range.shape, cloud.dtype.names[:3])
-0 (64, 2088) ('x', 'y', 'z')
-1 (64, 2088) ('x', 'y', 'z')
+0 (64, 2154) ('x', 'y', 'z')
+1 (64, 2154) ('x', 'y', 'z')
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from lidarcodec.wire import pack, unpack
 
 
 def read_frames(
-    source: Source | str | Path, framing: str = "packets", *, calibration: Path | None = None
+    source: Source | str | Path, framing: str = "revolution", *, calibration: Path | None = None
 ) -> Iterator[Frame]:
     """Frames of a source. A path or URL is opened with `open_source`, and closed at the end.
 
+    framing: as of StreamSettings. With `revolution` the first and the last frame of a capture may be parts of a turn.
     Raises SourceError, CalibrationError or PacketError when the source cannot be read.
     """
     if isinstance(source, str | Path):

@@ -37,13 +37,14 @@ from lidarcodec.thinned_stream import LatticeNotes, in_own_columns
 def frames_of(
     packets: Iterable[Packet],
     sensor: SensorModel,
-    framing: str = "packets",
+    framing: str = "revolution",
     counts: Counter[str] | None = None,
     *,
     current: Callable[[], SensorModel] | None = None,
 ) -> Iterator[Frame]:
-    """Frames of packets, with the last, partial one.
+    """Frames of packets. The first and the last one may be parts of a turn: a capture can begin and end within one.
 
+    framing: as of StreamSettings
     counts: counts position packets that no frame could hold
     current: the sensor of the packet read last, for a live source, in which another sensor can take the place of one
     A frame is given when the next data packet arrives, so that position packets at the end join the last frame.

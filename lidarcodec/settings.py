@@ -72,8 +72,8 @@ class StreamSettings(BaseModel):
     """Number of returns that a reduction keeps in each frame."""
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
     """Share of the returns that a reduction keeps in each frame. It replaces `keep_points`."""
-    framing: str = Field(default="packets", json_schema_extra=MORE)
-    """Size of a frame: `packets` (348 packets, about a turn), `packets:N` (N packets), or `revolution` (a turn)."""
+    framing: str = Field(default="revolution", json_schema_extra=MORE)
+    """Size of a frame: `revolution` (a turn), `packets` (348 packets, about a turn), or `packets:N` (N packets)."""
     key_interval: int = Field(default=50, ge=1, le=100_000, json_schema_extra=MORE)
     """Number of frames from one key frame to the next."""
     shape: Shape = Field(default="free", json_schema_extra=MORE)
@@ -117,7 +117,7 @@ class StreamSettings(BaseModel):
             return value
         found = re.fullmatch(r"packets:([0-9]{1,4})", value)
         if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
-            raise ValueError(f"framing must be packets, revolution, or packets:N with N from 1 to {MAX_PACKETS}")
+            raise ValueError(f"framing must be revolution, packets, or packets:N with N from 1 to {MAX_PACKETS}")
         return value
 
     @field_validator("follow")

@@ -167,7 +167,7 @@ def test_the_python_of_the_readme_runs(capsys):
     assert blocks
     for block in blocks:
         exec(compile(block, "README.md", "exec"), {})
-    assert capsys.readouterr().out.startswith("(64, 2088) True")
+    assert capsys.readouterr().out.startswith("(64, 2154) True")
 
 
 def test_every_target_of_the_makefile_says_what_it_does():

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
+from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
 from lidarcodec.errors import PacketError, SettingsError
 from lidarcodec.packet import Packet
@@ -19,7 +20,7 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
-from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
+from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -103,15 +104,19 @@ class _Capture:
 
 
 class _Batches:
-    """Collects packets into batches of one turn. put: gets each batch; the last one may be empty"""
+    """Collects packets into batches. put: gets each batch; the last one may be empty;  turns: a batch is a turn of an
+    HDL-64E, and never more than MAX_PACKETS; else 348 packets"""
 
-    def __init__(self, put: Callable[[list[Packet]], None]) -> None:
-        self._put = put
+    def __init__(self, put: Callable[[list[Packet]], None], *, turns: bool = False) -> None:
+        self._put, self._most = put, MAX_PACKETS if turns else FRAME_PACKETS
+        self._rotation = RotationWatch() if turns else None
         self._batch: list[Packet] = []
 
     def add(self, packet: Packet) -> None:
+        if self._rotation is not None and self._rotation.begins(packet.payload):
+            self.flush()
         self._batch.append(packet)
-        if len(self._batch) == FRAME_PACKETS or len(packet.payload) > MAX_ODD_BYTES:
+        if len(self._batch) == self._most or len(packet.payload) > MAX_ODD_BYTES:
             self.flush()
 
     def flush(self) -> None:
@@ -151,7 +156,7 @@ class Bag:
             handle, packets_topic=wanted.topic, points_topic=points_topic, frame_id=wanted.frame_id
         )
         self._clouds = sensor.is_cloud
-        self._batches = _Batches(self.writer.write_scan)
+        self._batches = _Batches(self.writer.write_scan, turns=sensor.is_hdl64e)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._poses = poses
         self._positions = self._packets = self.left_out = 0

@@ -124,7 +124,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "calibration": {"origin": sensor.origin, "hash": sensor.hash},
         "packets": packets,
         **({"position packets": positions} if positions else {}),
-        "frames": round(packets / FRAME_PACKETS, 3) if sensor.is_hdl64e else totals.frames,
+        "frames": totals.frames,
         "begins": time_text(totals.first_ns) if totals.first_ns is not None else "never",
         "duration_s": round(duration_s, 3),
         "packets_per_s": round((packets - 1) / duration_s, 1) if duration_s > 0 else None,

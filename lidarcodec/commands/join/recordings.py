@@ -22,7 +22,6 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.records import Channel, Stored
-from lidarcodec.settings import StreamSettings
 from lidarcodec.wire.header import Header
 
 SAME: Final = ("vehicle", "sensor")
@@ -49,14 +48,7 @@ class Part:
     @property
     def counted(self) -> bool:
         """Whether the index of a frame is its position in the source."""
-        return self.first is not None and "source" in self.reader.metadata and self._framing.startswith("packets")
-
-    @property
-    def _framing(self) -> str:
-        try:
-            return StreamSettings.model_validate_json(self.reader.metadata.get("settings", "")).framing
-        except ValueError:
-            return ""
+        return self.first is not None and "source" in self.reader.metadata
 
 
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:

@@ -74,7 +74,9 @@ def riddle(
     frames: Annotated[
         int | None, Option("--frames", min=1, metavar="N", help="Use at most N frames of each source.")
     ] = None,
-    framing: Annotated[str, Option("--framing", help="Framing of the stream that will use the networks.")] = "packets",
+    framing: Annotated[
+        str, Option("--framing", help="Framing of the stream that will use the networks.")
+    ] = "revolution",
     frame_rows: Annotated[
         int,
         Option(

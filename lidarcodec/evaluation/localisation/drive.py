@@ -2,7 +2,7 @@
 
 >>> drive = read_drive("sim:street?frames=4")
 >>> len(drive.frames), drive.name
-(3, 'sim:street?frames=4')
+(4, 'sim:street?frames=4')
 """
 
 from __future__ import annotations

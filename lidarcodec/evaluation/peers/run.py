@@ -45,7 +45,7 @@ def bench_peer(
     skip: int = 0,
     calibration: Path | None = None,
     metrics: Metrics = "usual",
-    framing: str = "packets",
+    framing: str = "revolution",
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for a peer.

@@ -57,7 +57,7 @@ class Gathering:
     frame_rows: int = 5000
     passes: int = 1
     frames: int | None = None
-    framing: str = "packets"
+    framing: str = "revolution"
     units: str = "auto"
 
     def __post_init__(self) -> None:

@@ -1,6 +1,7 @@
 """PlayedSource: gives the packets of a recording when they are due. It can be paused and moved.
 
-A change takes effect between two frames of 348 packets, so that no frame mixes two positions.
+A change takes effect between two turns (of other sensors than an HDL-64E: between two runs of 348 packets), so that no
+frame mixes two positions.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ import time
 from collections.abc import Iterator
 from typing import Final
 
-from lidarcodec.packet import Packet
+from lidarcodec.assembly.rotation import RotationWatch
+from lidarcodec.packet import FirstPacket, LastPacket, Packet
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.pacing import MAX_GAP_NS, NAP_S
 from lidarcodec.sources.recording import RecordingSource
-from lidarcodec.units import FRAME_PACKETS
+from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS
 
 LONGEST_WAIT_S: Final = 0.25
 """Interval of checks during a wait for the next packet, because the speed may change meanwhile."""
@@ -84,12 +86,11 @@ class PlayedSource(PacketSource):
     def packets(self) -> Iterator[Packet]:
         """Packets when they are due."""
         begin_ns: int | None = None
-        given = 0
         while not self.closed:
             due_s, last_ns, empty = time.monotonic(), None, True
-            for packet in self._recording.packets(begin_ns):
+            for packet, begins in self._with_turns(begin_ns):
                 empty = False
-                if given % FRAME_PACKETS == 0 and not packet.position:
+                if begins:
                     if self._held():
                         due_s = time.monotonic()
                     if self.closed or self._wanted_ns is not None:
@@ -101,13 +102,33 @@ class PlayedSource(PacketSource):
                     last_ns = self._at_ns = packet.stamp_ns
                 if not self._wait(due_s):
                     return
-                given += not packet.position
                 yield packet._replace(stamp_ns=time.time_ns())
             with self._changed:
                 begin_ns, self._wanted_ns = self._wanted_ns, None
                 ended = begin_ns is None and (not self._loop or empty)
             if ended:
                 return
+
+    def _with_turns(self, begin_ns: int | None) -> Iterator[tuple[Packet, bool]]:
+        """Packets of the recording from a time on, each with whether a turn begins with it. The first one begins a
+        frame, and the last one of a turn ends it: while the playback is held, the turn before is shown."""
+        rotation = RotationWatch() if self.sensor.is_hdl64e else None
+        held: tuple[Packet, bool] | None = None
+        number = 0
+        for packet in self._recording.packets(begin_ns):
+            begins = False
+            if not packet.position:
+                wrapped = rotation is not None and rotation.begins(packet.payload)
+                begins = wrapped or number % (FRAME_PACKETS if rotation is None else MAX_PACKETS) == 0
+                number = 1 if begins else number + 1
+            if held is not None:
+                before, began = held
+                ends = begins and type(before) is Packet and not before.position
+                yield (LastPacket(*before), began) if ends else held
+            first = begins and held is None
+            held = (FirstPacket(*packet) if first else packet, begins)
+        if held is not None:
+            yield held
 
     def close(self) -> None:
         """Close the recording; ends a `packets` that waits."""

@@ -57,7 +57,7 @@ def _schema() -> dict[str, Any]:
     fields = schema["properties"]
     fields["codec"]["enum"] = [AUTO, *codecs.names()]
     fields["intensity"]["examples"] = ["auto", "lossless", "error=4", "levels=32", "levels=16", "levels=6", "off"]
-    fields["framing"]["examples"] = ["packets", "packets:29", "revolution"]
+    fields["framing"]["examples"] = ["revolution", "packets", "packets:29"]
     fields["reduction"]["examples"] = [reductions.example_of(name) for name in reductions.names()]
     for name, value in FREE.items():
         if value in (None, AUTO):
