@@ -167,8 +167,10 @@ def test_what_is_done_is_kept_under_another_name(
     assert result.returncode == 128 + number, result.stderr
     assert not out.exists()
     found = payloads(part)
-    frames = len(found) // 348
-    assert len(found) == 348 * frames > 0
+    of = 348 if command == "convert" else 359  # turns of the simulator have 358 to 360 packets
+    frames = round(len(found) / of)
+    assert abs(len(found) - of * frames) <= frames // 2
+    assert frames > 0
     assert f"stopped: {frames} frames are kept in {part}" in result.stderr
     rest, *_ = advised(result.stderr)
     assert rest[:3] == [command, "--skip", str(frames)]
@@ -228,7 +230,7 @@ def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: 
     done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
-    assert len(payloads(tmp_path / "out.mcap")) == 696
+    assert len(payloads(tmp_path / "out.mcap")) == 718
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -331,7 +333,7 @@ def test_a_name_as_long_as_a_file_system_allows_has_room_for_that_of_its_part(
     result = interrupted_while_writing([command, "sim:city?frames=100000", out], tmp_path, signal.SIGINT)
     assert result.returncode == 130, result.stderr
     part = next(path for path in tmp_path.iterdir() if ".partial" in path.name and path.suffix == ending)
-    assert len(payloads(part)) % 348 == 0
+    assert (len(payloads(part)) + 5) % 359 <= 5  # whole turns
     rest, both = advised(result.stderr)
     assert (rest[0], both[0], both[-1]) == (command, "join", str(out))
     assert all(len(os.fsencode(Path(word).name)) <= 255 for word in (*rest, *both))

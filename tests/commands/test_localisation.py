@@ -23,7 +23,7 @@ def test_reductions_stand_side_by_side_with_pictures(tmp_path):
     ]
     assert found[0]["keep_points"] == 4000
     assert found[0]["settings"]["max_error_m"] == 0.01
-    assert found[0]["track"]["of"] == found[1]["track"]["of"] == 2
+    assert found[0]["track"]["of"] == found[1]["track"]["of"] == 3
     for picture in ("errors-1-track.png", "maps-1.png"):
         assert (tmp_path / picture).stat().st_size > 5000
 

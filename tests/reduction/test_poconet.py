@@ -21,8 +21,8 @@ NAMES = ("poconet", "poconet-paper")
 def road() -> tuple[Frame, np.ndarray]:
     """A frame of a road with cars around, which the network never saw, and what each cell is of."""
     with SimulatorSource("road", seed=77, frames=1) as source:
-        frame = next(iter(read_frames(source)))
-        _, _, truth = source.truth(348)
+        (frame,) = read_frames(source)
+        _, _, truth = source.truth(frame.side.packets)
     return frame, truth.T[frame.sensor.laser_of_ring]
 
 

@@ -70,8 +70,9 @@ def test_labels_follow_the_truth_of_a_simulated_drive(annotated: AnnotationFolde
     """Ground as the scene has it; what moves has been seen from few places, what stands from many."""
     frame, found = annotated.frame(6), annotated.labels(6)
     with SimulatorSource("street", seed=4, frames=FRAMES) as source:
-        _, _, truth = source.truth(348 * FRAMES)
-    truth = truth[6 * 2088 : 7 * 2088].T[frame.sensor.laser_of_ring]
+        widths = [one.width for one in read_frames(source)]
+        _, _, truth = source.truth(sum(widths) // 6)
+    truth = truth[sum(widths[:6]) : sum(widths[:7])].T[frame.sensor.laser_of_ring]
     valid = frame.valid & (truth > 0)
     assert np.array_equal(found.labels > 0, frame.valid)
     road, called = (truth == 1)[valid], (found.labels == GROUND)[valid]

@@ -83,6 +83,7 @@ def frames_to_learn(source: Source, framing: str, frames: int | None = None) -> 
     frames: most frames. Raises errors of the source, and SourceError for a simulated drive of over 287 frames.
     """
     if isinstance(source, SimulatorSource):
-        given = [count for count in (source.frames, frames) if count is not None]
+        only = None if source.only is None else -(-source.only // FRAME_PACKETS)
+        given = [count for count in (source.frames, only, frames) if count is not None]
         return even_frames(source, framing, min(given, default=MOST_FRAMES))
     return islice(frames_of(source.packets(), source.sensor, framing), frames)

@@ -15,7 +15,7 @@ from lidarcodec.evaluation.trajectory import near
 
 @pytest.fixture(scope="module")
 def street():
-    return read_drive("sim:street?frames=11&traffic=0")
+    return read_drive("sim:street?packets=3828&traffic=0")
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ def growth_by_step(frame: Frame) -> dict[int, float]:
 
 
 def test_ranges_grow_evenly_whatever_the_steps_that_packets_tell() -> None:
-    source = SimulatorSource("city", 77, 1)
+    source = SimulatorSource("city", 77, only=348)
     (plain,) = frames_to_learn_plainly(source)
     (even,) = even_frames(source, "packets", 1)
     assert growth_by_step(plain)[9] < 0.7  # if this is 1, the simulator does what a sensor does, and `beams` can go
