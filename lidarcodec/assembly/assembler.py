@@ -222,4 +222,4 @@ class Assembler:
             if self.sensor.model == PACKETS:
                 return full or (bool(self._stamps) and stamp_ns - self._stamps[0] >= TURN_NS)
             return self._turns.begins(payload) or full
-        return self._rotation.begins(payload) or len(self._payloads) >= MAX_PACKETS
+        return self._rotation.begins(payload)

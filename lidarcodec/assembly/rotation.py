@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from lidarcodec.packet import Packet
-from lidarcodec.units import AZIMUTH_TURN
+from lidarcodec.units import AZIMUTH_TURN, MAX_PACKETS
 
 LAST_BLOCK: Final = 1100
 """Offset of the last of the twelve blocks of a packet."""
@@ -19,10 +19,11 @@ LAST_BLOCK: Final = 1100
 
 class RotationWatch:
     """Compares the rotation of each packet's first block with that of the packet before. A rotation of a whole turn or
-    more is damaged, and says nothing."""
+    more is damaged, and says nothing. Without a wrap a turn ends after MAX_PACKETS: a sensor can stand still."""
 
     def __init__(self) -> None:
         self._last = -1
+        self._packets = 0
 
     def begins(self, payload: bytes) -> bool:
         """Whether a new turn begins with this packet. payload: 1206 bytes
@@ -30,14 +31,15 @@ class RotationWatch:
         If the rotation wraps within the first packet, the turn begins with that packet: it has nearly all of the turn
         to come, and no other packet would be in its frame.
         """
+        begins = self._packets == MAX_PACKETS
         now = _rotation(payload, 0)
-        if now >= AZIMUTH_TURN:
-            return False
-        wrapped = now < self._last - AZIMUTH_TURN // 2
-        if self._last < 0 and (last := _rotation(payload, LAST_BLOCK)) < now - AZIMUTH_TURN // 2:
-            now = last
-        self._last = now
-        return wrapped
+        if now < AZIMUTH_TURN:
+            begins |= now < self._last - AZIMUTH_TURN // 2
+            if self._last < 0 and (last := _rotation(payload, LAST_BLOCK)) < now - AZIMUTH_TURN // 2:
+                now = last
+            self._last = now
+        self._packets = 1 if begins else self._packets + 1
+        return begins
 
 
 def turns_of(packets: Iterable[Packet], turns: int) -> Iterator[Packet]:

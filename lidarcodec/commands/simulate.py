@@ -32,14 +32,12 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
         if text:
             check_free(_described_in(out, ending), force=force)
         turn = None if source.sensor.is_hdl64e else source.frame_packets
-        if frames is not None:
-            source.frames = min(skip + frames, source.frames or skip + frames)
         with whole(out, force=force) as output, progress("simulating", frames) as tick:
             described = bool(text) and not output.straight
             if described:
                 name_of = partial(_described_in, ending=ending)
                 output.companion(name_of, Path(ending).suffix).write_text(text, encoding="utf-8")
-            turns = Turns(source.packets(), stopped, tick, turn)
+            turns = Turns(source.packets(), stopped, tick, turn, frames)
             turns.pass_over(skip)
             with output.beside.open("wb") as handle:
                 PcapWriter(handle).write_all(turns)

@@ -14,8 +14,9 @@ class Turns:
     """Packets in turns. After a signal they end with the current turn.
 
     of: number of data packets in a turn; None: turns of an HDL-64E as its rotation says, the first one may be short
+    most: they end after this number of turns, without those that were passed over; None: with the packets
     packets: data packets so far;  positions: position packets among them;  turns: turns that were begun
-    cut: whether packets were left when a signal arrived
+    cut: whether packets were left when a signal arrived;  complete: whether `most` turns were there
     """
 
     def __init__(
@@ -24,13 +25,14 @@ class Turns:
         stopped: Callable[[], bool],
         tick: Callable[[], None],
         of: int | None = FRAME_PACKETS,
+        most: int | None = None,
     ) -> None:
-        self.of = of
+        self.of, self.most = of, most
         self._source, self._stopped, self._tick = iter(packets), stopped, tick
         self._rotation = RotationWatch()
         self._first: list[Packet] = []  # the first packets after those that were passed over
         self.packets = self.positions = self.turns = 0
-        self.cut = False
+        self.cut = self.complete = False
 
     def pass_over(self, turns: int) -> None:
         """Skip that many turns."""
@@ -60,6 +62,9 @@ class Turns:
                 yield packet
                 continue
             if self._begins(packet, self.packets):
+                if self.turns == self.most:
+                    self.complete = True
+                    return
                 if self._stopped():
                     self.cut = True
                     return

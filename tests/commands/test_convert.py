@@ -136,7 +136,7 @@ def test_the_real_s3_capture_goes_round(tmp_path, data_file):
     assert done(capture, tmp_path / "bag", "--frames", 1)
     assert done(tmp_path / "bag", tmp_path / "coded.mcap")
     assert done(tmp_path / "coded.mcap", tmp_path / "back.pcap")
-    assert packets_in(tmp_path / "back.pcap") == packets_in(capture)[:348]
+    assert packets_in(tmp_path / "back.pcap") == packets_in(capture)[:43]  # it begins within a turn
 
 
 def test_what_has_that_name_stays_unless_forced(tmp_path, capture):

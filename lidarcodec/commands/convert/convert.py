@@ -24,7 +24,6 @@ from lidarcodec.commands.turns import Turns
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.files.whole import check_free, whole
-from lidarcodec.packet import part_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
@@ -56,7 +55,7 @@ def run(
 ) -> None:
     """Convert packet by packet. OUT appears when it is complete; after a signal the finished part has another name.
 
-    A recording is like one of `encode`, with its framing; for other formats a frame is 348 packets.
+    A recording is like one of `encode`, with its framing; for other formats a frame is a turn.
     """
     frames, skip = selection.frames, selection.skip
     wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id)
@@ -67,7 +66,6 @@ def run(
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
     check_free(out, force=force, contents=contents)
-    limit = None if frames is None else frames * FRAME_PACKETS
     with (
         open_source(spec, calibration=calibration, poses=poses) as source,
         stoppable(source.close if source.live else None) as stopped,
@@ -83,10 +81,8 @@ def run(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
         )
         metadata = _metadata_file(out, wanted.form, source.sensor, force)
-        wanted_packets = part_of(
-            selection.in_time(source.packets()), 0, None if limit is None else skip * FRAME_PACKETS + limit
-        )
-        turns = Turns(wanted_packets, stopped, tick)
+        of = None if source.sensor.is_hdl64e else FRAME_PACKETS
+        turns = Turns(selection.in_time(source.packets()), stopped, tick, of, frames)
         turns.pass_over(skip)
         packets = iter(turns)
         first = next(packets, None)
@@ -99,7 +95,7 @@ def run(
             for packet in chain((first,), packets):
                 writer.write(packet)
             said = writer.close()
-        part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
+        part = turns.cut or (source.live and stopped() and frames is not None and not turns.complete)
         # The calibration file of a stopped command is next to OUT, not next to the part that was kept.
         if part and beside is None and _needs_file(wanted.form, source.sensor):
             beside = _calibration_of(out)
@@ -112,13 +108,13 @@ def run(
         if part:
             output.only_part()
     say_unkept(source.label, source.counts)
-    count, kept = turns.packets, output.kept or out
+    kept = output.kept or out
     tables = [_calibration_of(kept)] if beside is not None and beside.parent != out else []
     described = [_metadata_of(kept)] if metadata is not None else []
     _tell(kept, wanted.form, turns, source.sensor, said, tables, described, as_json)
     _check_left_out(writer, kept)
     if part:
-        raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
+        raise remaining.stopped(out, kept, turns.turns, skip=skip, frames=frames, live=source.live)
 
 
 def _tell(
@@ -133,14 +129,14 @@ def _tell(
 ) -> None:
     """Print what was written. tables, described: calibration and metadata beside it;  said: remark of the output"""
     count, positions = turns.packets, turns.positions
-    parts = [f"{kept}: {count} packets" + f", {count / FRAME_PACKETS:.1f} frames" * sensor.is_hdl64e]
+    parts = [f"{kept}: {count} packets" + f", {turns.turns} frames" * sensor.is_hdl64e]
     parts[0] += f", {positions} position packets" * bool(positions and form != "rosbag")
     parts += [said] if said else []
     parts += [f"calibration in {path}" for path in tables] + [f"metadata in {path}" for path in described]
     found = Converted(
         output=str(kept), form=form, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1,
         beside=[str(path) for path in tables + described],
-        frames=count / FRAME_PACKETS if sensor.is_hdl64e else None, packets=count, points=None,
+        frames=turns.turns if sensor.is_hdl64e else None, packets=count, points=None,
         positions=positions, bytes=kept.stat().st_size if kept.is_file() else None,
     )  # fmt: skip
     tell(found, "; ".join(parts), as_json)
