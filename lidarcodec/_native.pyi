@@ -348,6 +348,19 @@ def disassemble(
     status: NDArray[numpy.uint8],
     ring_of_laser: NDArray[numpy.uint8],
 ) -> bytes: ...
+def points_of_returns(
+    range: NDArray[numpy.uint32],
+    keep: NDArray[numpy.uint8] | None,
+    intensity: NDArray[numpy.uint8],
+    cosine: NDArray[numpy.float64],
+    sine: NDArray[numpy.float64],
+    t_ns: NDArray[numpy.int64],
+    factors: NDArray[numpy.float64],
+    laser_of_ring: NDArray[numpy.uint8],
+    range_step: float,
+    turned: bool,
+    two_point: bool,
+) -> NDArray[numpy.uint8]: ...
 
 class SenderJudge:
     def __init__(

@@ -24,11 +24,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native
 from lidarcodec.errors import CalibrationError, SectionError
 from lidarcodec.other_cloud import other_cloud_of
 from lidarcodec.sensors.clouds.points import cloud_points
 from lidarcodec.side import Role, SideInfo
-from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS, LASERS_PER_BLOCK
+from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS_PER_BLOCK
 
 if TYPE_CHECKING:
     from lidarcodec.frame import Frame
@@ -40,6 +41,10 @@ CLOUD_DTYPE = np.dtype(
     [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"), ("t_ns", "i8")]
 )
 
+NATIVE_FACTORS = (
+    "dist", "near_across", "near_along", "cos_rot", "sin_rot", "cos_vert", "sin_vert", "vert_offset", "horiz_offset",
+)  # fmt: skip
+"""Fields of `_Lasers` in the order in which the native core takes them."""
 RETURN = np.dtype([("distance", "<u2"), ("intensity", "u1")])
 """One return in a block, as sent."""
 BLOCK_NS = 24_000
@@ -83,17 +88,24 @@ def _first_cloud(frame: Frame) -> npt.NDArray[np.void]:
 
     t_ns is the host time of the column's packet plus the time of the firing within the packet (48 us a firing; its 64
     lasers have one time). In a frame without packets, columns are 48 us apart from its stamp on. The intensity is as
-    sent. Second returns are left out: see `second_cloud`. Cost: 5 ms for 120,000 points.
+    sent. Second returns are left out: see `second_cloud`. Cost: 2 ms for 120,000 points.
     """
-    lasers = frame.sensor.laser_of_ring
-    xyz = xyz_of(frame)
-    chosen = np.flatnonzero(frame.valid.T)
-    column, ring = np.divmod(chosen, LASERS)
-    points = _points(xyz, chosen)
-    points["intensity"] = frame.intensity.T.ravel()[chosen]
-    points["laser"], points["ring"] = lasers[ring], ring
-    points["t_ns"] = (frame.stamp_ns + _column_ns(frame))[column]
-    return points
+    factors = _factors(frame.sensor, lasers := frame.sensor.laser_of_ring)
+    cosine, sine = _turned(frame.azimuth)
+    packed = _native.points_of_returns(
+        frame.range,
+        None if frame.keep is None else frame.keep.view(np.uint8),
+        frame.intensity,
+        cosine,
+        sine,
+        frame.stamp_ns + _column_ns(frame),
+        np.stack([getattr(factors, name) for name in NATIVE_FACTORS]),
+        lasers.astype(np.uint8),
+        factors.range_step,
+        factors.turn_offset,
+        factors.two_point,
+    )
+    return packed.view(CLOUD_DTYPE)
 
 
 def xyz_of(frame: Frame, dtype: type[np.floating[Any]] = np.float64) -> tuple[Floats, Floats, Floats]:

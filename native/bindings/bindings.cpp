@@ -20,6 +20,7 @@ NB_MODULE(_native, m) {
   bind_entropy(m);
   bind_simulator(m);
   bind_assembly(m);
+  bind_points(m);
   bind_receiver(m);
   bind_session(m);
   bind_clouds(m);

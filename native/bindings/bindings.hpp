@@ -43,6 +43,7 @@ void bind_neighbour(nb::module_& m);
 void bind_voxel_index(nb::module_& m);
 void bind_images(nb::module_& m);
 void bind_assembly(nb::module_& m);
+void bind_points(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);
 void bind_mask_stream(nb::module_& m);
