@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
     from lidarcodec.apps.recorder import Record
     from lidarcodec.assembly import packets_of
+    from lidarcodec.commands.outputs.writing import write_frames
+    from lidarcodec.commands.verify import verify
+    from lidarcodec.evaluation.metrics import bits_per_point
     from lidarcodec.filling import filled
     from lidarcodec.frame import Frame
     from lidarcodec.message import Message
@@ -36,6 +39,7 @@ _HOME = {
     "StreamDecoder": "pipeline",
     "StreamEncoder": "pipeline",
     "StreamSettings": "settings",
+    "bits_per_point": "evaluation.metrics",
     "data_packets": "packet",
     "decode": "api",
     "encode": "api",
@@ -46,6 +50,8 @@ _HOME = {
     "read_frames": "api",
     "subscribe": "apps.receiver.live_stream",
     "unpack": "wire",
+    "verify": "commands.verify",
+    "write_frames": "commands.outputs.writing",
 }
 """Where each public name lives; it is imported on first use, so that `import lidarcodec` costs nothing."""
 
@@ -63,6 +69,7 @@ __all__ = [
     "StreamEncoder",
     "StreamSettings",
     "__version__",
+    "bits_per_point",
     "data_packets",
     "decode",
     "encode",
@@ -73,6 +80,8 @@ __all__ = [
     "read_frames",
     "subscribe",
     "unpack",
+    "verify",
+    "write_frames",
 ]
 
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
-from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.settings import SettingChanges, StreamSettings, settings_from
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import Source
 from lidarcodec.wire import pack, unpack
@@ -39,12 +39,14 @@ def read_frames(
         yield from frames_of(source.packets(), source.sensor, framing, current=lambda: source.sensor)
 
 
-def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Any) -> Iterator[bytes]:
+def encode(
+    frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Unpack[SettingChanges]
+) -> Iterator[bytes]:
     """Encoded messages of frames as bytes. changes: fields of StreamSettings, applied on top of `settings`.
 
     Raises SettingsError or UnknownNameError when a setting is not allowed, before the first frame is read.
     """
-    chosen = settings.changed(**changes) if settings else settings_from(changes)
+    chosen = settings.changed(**changes) if settings else settings_from(dict(changes))
     encoder = StreamEncoder(check_offline(chosen))
 
     def messages() -> Iterator[bytes]:

@@ -91,7 +91,7 @@ def _first_cloud(frame: Frame) -> npt.NDArray[np.void]:
     sent. Second returns are left out: see `second_cloud`. Cost: 2 ms for 120,000 points.
     """
     factors = _factors(frame.sensor, lasers := frame.sensor.laser_of_ring)
-    cosine, sine = _turned(frame.azimuth)
+    cosine, sine = (values.astype(np.float64, copy=False) for values in _turned(frame.azimuth))
     packed = _native.points_of_returns(
         frame.range,
         None if frame.keep is None else frame.keep.view(np.uint8),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypedDict, Unpack
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
@@ -41,6 +41,24 @@ def step_of(max_error_m: float, range_step_m: float = RANGE_STEP_M) -> int:
     such as 0.086, which have no exact binary value.
     """
     return 2 * math.floor(max_error_m / range_step_m + 1e-6) + 1
+
+
+class SettingChanges(TypedDict, total=False):
+    """Fields of StreamSettings as keyword arguments, for type checkers and editors."""
+
+    codec: str
+    codec_settings: dict[str, Any]
+    purpose: Purpose
+    max_error_m: float | None
+    target_kbps: float | Literal["auto"] | None
+    intensity: str
+    reduction: str
+    keep_points: int | None
+    keep_fraction: float | None
+    framing: str
+    key_interval: int
+    shape: Shape
+    follow: str | None
 
 
 class StreamSettings(BaseModel):
@@ -174,12 +192,12 @@ class StreamSettings(BaseModel):
             return None
         return int(self.framing.partition(":")[2] or FRAME_PACKETS)
 
-    def changed(self, **changes: Any) -> StreamSettings:
+    def changed(self, **changes: Unpack[SettingChanges]) -> StreamSettings:
         """These settings with some fields changed; a new codec starts with its own default settings.
 
         Raises SettingsError, and changes nothing, if any of it is not allowed.
         """
-        merged = self.model_dump() | changes
+        merged = self.model_dump() | dict(changes)
         if changes.get("codec", self.codec) != self.codec and "codec_settings" not in changes:
             merged["codec_settings"] = {}
         return settings_from(merged)

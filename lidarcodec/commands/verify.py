@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,46 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
 
     allow_part: whether the recording may contain only a part of its source
     """
+    with progress("comparing") as tick, stoppable() as stopped:
+        result = compared(recording, spec, calibration, allow_part, tick, stopped)
+    with suppress(BrokenPipeError):  # the reader has closed the output, but the exit code still counts
+        tell(result, _text(result), as_json)
+        sys.stdout.flush()
+    if result["interrupted"]:
+        raise StoppedError(f"stopped: only the first {result['frames']} frames of {recording} were compared")
+    return not result["broken"]
+
+
+def verify(
+    recording: str | Path, source: str | Path, *, calibration: Path | None = None, allow_part: bool = False
+) -> dict[str, Any]:
+    """What `lidarcodec verify --json` prints: how far a recording is from the source it was made of.
+
+    `broken` is a list of sentences, empty if all that its messages promise is kept. `packets_identical`, `max_error_m`,
+    `rmse_m`, `lost`, `invented` and `coverage` are among the others. allow_part: the recording may hold only a part of
+    its source
+    Raises SourceError if one of them cannot be read, or the recording was not made from this source.
+    """
+    return compared(Path(recording), str(source), calibration, allow_part)
+
+
+def compared(
+    recording: Path,
+    spec: str,
+    calibration: Path | None,
+    allow_part: bool,
+    tick: Callable[[], None] = lambda: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """The result of comparing a recording with its source. tick: called after each frame;  stopped: whether to end
+
+    Raises SourceError, and StoppedError if it was stopped before the first frame.
+    """
     check_recorded(spec)
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
     comparison = Comparison()
-    with open_source(spec, calibration=calibration) as source, progress("comparing") as tick, stoppable() as stopped:
+    with open_source(spec, calibration=calibration) as source:
         packets = PacketsByTime(source.packets())
         watched = Watched(recorded, stopped)
         for frame in watched:
@@ -63,7 +99,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         *broken_promises(settings, comparison),
         *([] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)),
     ]
-    result = comparison.result() | {
+    return comparison.result() | {
         "complete": coverage is not None,
         "interrupted": coverage is None,
         "coverage": None if coverage is None else coverage.result(),
@@ -72,12 +108,6 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
     }
-    with suppress(BrokenPipeError):  # the reader has closed the output, but the exit code still counts
-        tell(result, _text(result), as_json)
-        sys.stdout.flush()
-    if coverage is None:
-        raise StoppedError(f"stopped: only the first {comparison.frames} frames of {recording} were compared")
-    return not broken
 
 
 def not_covered(found: Coverage) -> list[str]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,7 @@ from lidarcodec.planes.lattice_section import read_lattice
 from lidarcodec.planes.plane_section import read_head
 from lidarcodec.planes.plane_sizes import plane_sizes
 from lidarcodec.units import RANGE_STEP_M
+from lidarcodec.wire import unpack
 
 PEAK_M = 130.0
 """The peak of PSNR: the largest range of the sensor, as in Tu 2016."""
@@ -180,6 +182,19 @@ class Sizes:
         if planes["planes"] and not geometry:
             bits |= dict.fromkeys(("range", "mask", "geometry", "intensity"))
         return bits
+
+
+def bits_per_point(messages: Iterable[bytes], points: int) -> dict[str, float | None]:
+    """Bits of messages for each of `points` returns, everything counted: `range`, `mask`, `geometry` (range and mask),
+    `intensity`, `azimuth`, `side`, `header` and `total`, as `lidarcodec bench` prints them.
+
+    points: returns of the frames before they were encoded, `sum(frame.points for frame in frames)`. All are None for 0
+    Raises DecodeError for bytes that are no message.
+    """
+    sizes = Sizes()
+    for data in messages:
+        sizes.add(unpack(data), len(data))
+    return sizes.bits_per(points)
 
 
 def times_ms(seconds: list[float]) -> dict[str, float | None]:

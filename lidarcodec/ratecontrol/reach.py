@@ -11,7 +11,7 @@ True
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.other_sensors import KINDS
@@ -20,7 +20,7 @@ from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
 from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_curve
 from lidarcodec.ratecontrol.image_curve import ImageKind, image_curve
-from lidarcodec.settings import AUTO, LATTICE, StreamSettings
+from lidarcodec.settings import AUTO, LATTICE, SettingChanges, StreamSettings
 
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
 """Settings that can prevent a target, and the value that leaves each of them free."""
@@ -132,7 +132,8 @@ def missed_warning(
 def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
     """The settings with some of the pinned ones left free."""
     own = {name: value for name, value in settings.codec_settings.items() if f"codec_settings.{name}" not in names}
-    return settings.changed(codec_settings=own, **{name: FREE[name] for name in names if name in FREE})
+    free = cast(SettingChanges, {name: FREE[name] for name in names if name in FREE})
+    return settings.changed(codec_settings=own, **free)
 
 
 def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float, images: ImageKind | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Protocol
+from typing import Any, Protocol, Unpack, cast
 
 from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.clocks import Clock
@@ -12,7 +12,7 @@ from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.reports import read_arrival
-from lidarcodec.settings import StreamSettings, is_name
+from lidarcodec.settings import SettingChanges, StreamSettings, is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
@@ -33,7 +33,7 @@ class Controlled(Protocol):
 
     def status(self) -> dict[str, Any]: ...
 
-    def change(self, /, **changes: Any) -> Applied: ...
+    def change(self, /, **changes: Unpack[SettingChanges]) -> Applied: ...
 
     def reset(self) -> Applied: ...
 
@@ -101,7 +101,8 @@ class Desk:
 
     def _set(self, query: dict[str, Any]) -> dict[str, Any]:
         self._take(self._changes, "changes refused", "settings are changed")
-        return self._publisher.change(**{str(field): value for field, value in query.items()}).answer()
+        changes = cast(SettingChanges, {str(field): value for field, value in query.items()})
+        return self._publisher.change(**changes).answer()
 
     def _reset(self, query: dict[str, Any]) -> dict[str, Any]:
         self._take(self._changes, "changes refused", "settings are changed")

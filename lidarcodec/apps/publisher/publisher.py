@@ -14,7 +14,7 @@ import logging
 import threading
 import time
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
@@ -37,7 +37,7 @@ from lidarcodec.apps.worker.isolation import Isolate
 from lidarcodec.codecs.other_sensors import check_for
 from lidarcodec.errors import TransportError, WorkerError, told
 from lidarcodec.pipeline import check
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import SettingChanges, StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
 from lidarcodec.transport import Endpoints, Transport
@@ -261,13 +261,13 @@ class Publisher:
         }
         return self._board.status(self.settings, self._feed, parts)
 
-    def change(self, /, **changes: Any) -> Applied:
+    def change(self, /, **changes: Unpack[SettingChanges]) -> Applied:
         """Change settings between two frames, all of them or none. If the new codec needs a process, the old codec
         encodes until that process is ready.
 
         Raises SettingsError or UnknownNameError.
         """
-        return self._changes.change(changes)
+        return self._changes.change(dict(changes))
 
     def reset(self) -> Applied:
         """Return to the settings with which the publisher was made, between two frames.

@@ -51,16 +51,40 @@ def subscribe(
     config: str | Path | None = None,
     mode: Mode | None = None,
     loopback_port: int | None = None,
-    **options: Any,
+    transport: Transport | None = None,
+    receiver: str | None = None,
+    newest: bool = True,
+    timeout_s: float | None = None,
+    max_age_s: MaxAge = "live",
+    until_end: bool = False,
+    udp: str | None = None,
+    record: str | Path | None = None,
+    clouds: bool = False,
+    isolate: Isolate | None = None,
+    clock: Clock = SYSTEM,
 ) -> LiveStream:
     """A live stream to iterate over: `with subscribe(...) as live: for frame in live: ...`
 
     connect, listen, config, mode, loopback_port: as in `Endpoints`; without them nothing leaves the machine
-    options: the options of `LiveStream`
+    others: as in `LiveStream`
     Raises SettingsError for an invalid key or name, TransportError for endpoints that cannot be used.
     """
     endpoints = Endpoints.of(connect, listen, config, mode, loopback_port)
-    return LiveStream(key, endpoints=endpoints, **options)
+    return LiveStream(
+        key,
+        endpoints=endpoints,
+        transport=transport,
+        receiver=receiver,
+        newest=newest,
+        timeout_s=timeout_s,
+        max_age_s=max_age_s,
+        until_end=until_end,
+        udp=udp,
+        record=record,
+        clouds=clouds,
+        isolate=isolate,
+        clock=clock,
+    )
 
 
 class LiveStream:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from lidarcodec.apps.receiver.live_stream import LiveStream
-from lidarcodec.commands.outputs.base import Output
-from lidarcodec.commands.outputs.table import Form, check_output, contents_of, open_output
+from lidarcodec.commands.outputs.base import NO_CLOUD, Output
+from lidarcodec.commands.outputs.table import Form, check_output, contents_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.results.files import Converted
@@ -39,7 +36,6 @@ from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.transport import Endpoints
 
 log = logging.getLogger(__name__)
-NO_CLOUD = np.empty(0, [("x", "f4")])
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
             source.say()
             raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
         written = _Written()
-        with _opened(wanted, output.beside) as writer:
+        with opened(wanted.out, wanted.form, output.beside) as writer:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
                 tick()
@@ -229,16 +225,3 @@ def _tell(output: Whole, wanted: Wanted, written: _Written) -> None:
     files = f", a file for each ({wanted.form.name})" if folder else ""
     text = f"{kept}: {written.frames} frames{files}, {written.points:,} points"
     tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)
-
-
-@contextmanager
-def _opened(wanted: Wanted, beside: Path) -> Iterator[Output]:
-    """The open output. It is completed at the end; after an error its files are only closed."""
-    writer = open_output(wanted.out, wanted.form, beside)
-    try:
-        yield writer
-    except BaseException:
-        with suppress(Exception):
-            writer.close()
-        raise
-    writer.close()

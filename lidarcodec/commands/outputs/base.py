@@ -24,6 +24,10 @@ WIDE: Final = np.dtype([(name, "<u2" if name == "intensity" else NARROW[name].st
 """The same with intensities of 16 bits."""
 
 
+NO_CLOUD: Final = np.empty(0, [("x", "f4")])
+"""For formats that do not hold points."""
+
+
 class Output(Protocol):
     """A file or folder for frames; `close` completes it."""
 

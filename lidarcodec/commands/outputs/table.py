@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -124,3 +125,16 @@ def open_output(path: Path, form: Form, beside: Path) -> Output:
     Raises OSError if it cannot be written.
     """
     return form.open(beside) if suffix(path) else FolderOutput(beside, form.ending, form.open)
+
+
+@contextmanager
+def opened(path: Path, form: Form, beside: Path) -> Iterator[Output]:
+    """The open output of `open_output`. It is completed at the end; after an error its files are only closed."""
+    writer = open_output(path, form, beside)
+    try:
+        yield writer
+    except BaseException:
+        with suppress(Exception):
+            writer.close()
+        raise
+    writer.close()

@@ -1,0 +1,44 @@
+"""write_frames: frames to a file of any format that commands write.
+
+>>> from lidarcodec import read_frames
+>>> from tempfile import TemporaryDirectory
+>>> with TemporaryDirectory() as folder:
+...     write_frames(read_frames("sim:city?frames=1"), Path(folder) / "town.ply") > 50_000
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import chain
+from pathlib import Path
+
+from lidarcodec.commands.outputs.base import NO_CLOUD
+from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
+from lidarcodec.errors import SourceError
+from lidarcodec.files.whole import whole
+from lidarcodec.frame import Frame
+
+
+def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = False) -> int:
+    """Write frames as points or packets, in the format of the ending of `out`; returns the number of points.
+
+    out: ends in .ply .pcd .las .laz .csv .e57 .npz (points), .mcap (clouds for viewers) or .pcap (packets); a folder
+    gets a KITTI file for each frame. It appears when it is complete. force: replace it if it exists
+    Raises SettingsError for another ending or an output that exists, MissingExtraError if the format needs a library
+    that is not installed, SourceError if there are no frames, OSError if the file cannot be written.
+    """
+    path = Path(out)
+    form = form_of(path, folder="kitti")
+    check_output(path, form, force=force)
+    rest = iter(frames)
+    first = next(rest, None)
+    if first is None:
+        raise SourceError(f"there are no frames: {path} was not written")
+    points = 0
+    with whole(path, force=force, contents=contents_of(path)) as output, opened(path, form, output.beside) as writer:
+        for frame in chain((first,), rest):
+            cloud = frame.cloud() if form.points else NO_CLOUD
+            writer.write(frame, cloud)
+            points += len(cloud) if form.points else frame.points
+    return points
