@@ -46,7 +46,7 @@ def frames_to_learn_plainly(source: SimulatorSource) -> list[Frame]:
     """The frames as the packets say."""
     from lidarcodec.pipeline import frames_of
 
-    return list(frames_of(source.packets(), source.sensor))
+    return list(frames_of(source.packets(), source.sensor, "packets"))
 
 
 def test_a_straight_line_is_found_again_in_its_steps() -> None:
