@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
+from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Learning, Steered
 from lidarcodec.codecs.other_decoder import PlaneDecoder
 from lidarcodec.codecs.other_sensors import KINDS, check_for, other_encoder
 from lidarcodec.errors import SettingsError
@@ -224,6 +224,12 @@ class StreamEncoder:
         """With `target_kbps=auto`: set the target bitrate from the next frame on. Without a target: does nothing."""
         if self._rate is not None:
             self._rate.aim(target_kbps)
+
+    def refer_to(self, indices: Set[int] | None) -> bool:
+        """Refer to the newest of these frames from now on, to none if none of them is kept. None: to the frame before,
+        as without a call. False: the codec's frames refer to none, or only to the frame before."""
+        coder = self._coder
+        return isinstance(coder, Choosing) and coder.refer_to(indices)
 
     def flush(self) -> list[Message]:
         """Messages of frames that were held back."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -44,6 +44,15 @@ class Steered(Protocol):
 
     def steer(self, steering: Steering | None) -> None:
         """Ask `steering` from now on; None: use the settings."""
+
+
+@runtime_checkable
+class Choosing(Protocol):
+    """An encoder whose frames may refer to any of a few earlier ones."""
+
+    def refer_to(self, indices: Set[int] | None) -> bool:
+        """Refer to the newest of these frames from now on, to none if none of them is kept. None: to the frame before.
+        False: frames of this codec refer to none, or only to the frame before."""
 
 
 @runtime_checkable

@@ -6,10 +6,11 @@ that code the ranges of each frame independently. Contents that refer to earlier
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Generic, NamedTuple, Protocol
+from collections.abc import Callable, Set
+from typing import Generic, NamedTuple, Protocol, runtime_checkable
 
 from lidarcodec.codecs.base import Encoder, InForce, Own
+from lidarcodec.codecs.kept_frames import KeptFrames
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -44,6 +45,14 @@ class FrameContent(Protocol[Own]):
 
         Raises LidarCodecError for a frame that contradicts itself. The next frame then does not refer to this one.
         """
+
+
+@runtime_checkable
+class Choosing(Protocol):
+    """Content whose frames can refer to any of a few earlier ones."""
+
+    def refer_to(self, indices: Set[int] | None) -> None:
+        """Refer to the newest of these frames that is kept, to none without any. None: to the frame before."""
 
 
 class FrameEncoder(Generic[Own]):
@@ -84,6 +93,13 @@ class FrameEncoder(Generic[Own]):
             self._since_key = None
         self._settings = taken
         return self._key_is_due()
+
+    def refer_to(self, indices: Set[int] | None) -> bool:
+        """As of `Referring` in base.py."""
+        content = self._content
+        if isinstance(content, Choosing):
+            content.refer_to(indices)
+        return isinstance(content, Choosing)
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """The frame's message.
@@ -133,8 +149,7 @@ class Independent(Generic[Own]):
     """Content of a codec that codes the ranges of each frame independently.
 
     code_ranges: gives the RANGE section; grouped_intensity: code intensities fast instead of small (intensity.py)
-    mask_history: whether masks refer to the masks since the last key message, by the codec's own settings. A lost
-        message then costs all frames up to the next key message.
+    mask_history: whether masks refer to masks since the last key message, by the codec's own settings
     """
 
     _settings: InForce[Own]
@@ -147,28 +162,34 @@ class Independent(Generic[Own]):
         mask_history: Callable[[Own], bool] = lambda _: False,
     ) -> None:
         self._code_ranges, self._grouped_intensity, self._with_history = code_ranges, grouped_intensity, mask_history
-        self._masks: tuple[int, MaskHistory] | None = None
-        """The masks since the last key message, and the index of the last of these frames."""
+        self._masks = KeptFrames[MaskHistory](MaskHistory.copy)
+        """The masks since the last message that needs no other, up to each of the last frames."""
 
     def take(self, settings: InForce[Own]) -> bool:
         """Use new settings; they never need a key message."""
         self._settings = settings
         return False
 
+    def refer_to(self, indices: Set[int] | None) -> None:
+        """Refer to the newest of these frames; None: to the frame before."""
+        self._masks.refer_to(indices)
+
     def code(self, frame: Frame, *, key: bool) -> Coded:
         """Ranges and planes of a frame."""
         settings = self._settings
         with_history = self._with_history(settings.own)
-        needs, masks = self._masks if self._masks is not None and with_history and not key else (None, None)
+        found = self._masks.reference() if with_history and not key else None
+        needs, masks = found or (None, None)
+        if needs is None:
+            self._masks.forget()
         previous = None if masks is None else masks.before(frame.azimuth, frame.sensor)
         quality = Quality.of(settings.stream)
         planes = encode_planes(frame, quality, previous, grouped_intensity=self._grouped_intensity)
         ranges = Section(SectionType.RANGE, self._ranges(frame))
-        self._masks = None
         if with_history:
             masks = masks or MaskHistory()
             masks.remember(frame.valid, frame.azimuth, frame.sensor)
-            self._masks = frame.index, masks
+            self._masks.put(frame.index, masks)
         return Coded([ranges, *planes], needs)
 
     def _ranges(self, frame: Frame) -> bytes:

@@ -36,8 +36,7 @@ class PcodecSettings(CodecSettings):
     level: int = Field(default=8, ge=1, le=12)
     """Compression level of pcodec. 12 saves 0.3 % compared with 8."""
     mask_history: bool = False
-    """Whether masks are coded as changes of the previous mask. Messages get a little smaller. After a lost message no
-    frame can be decoded until the next key frame."""
+    """Whether masks are coded as changes of an earlier mask. Messages get a little smaller, but need earlier ones."""
 
 
 def _config(level: int, count: int) -> ChunkConfig:

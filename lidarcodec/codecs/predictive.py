@@ -1,8 +1,8 @@
 """`predictive`: what is likely is learned while coding, from the returns around each return. No weights, any sensor.
 
 Fewer bits than `pcodec`, in two to three times its time (docs/codecs.md). `effort=2` uses more contexts. With `memory`,
-the default, the statistics of a frame continue those of the frame before, and masks refer to masks of the last turn. A
-lost message then costs all frames up to the next key frame.
+the default, the statistics of a frame continue those of an earlier frame, and masks refer to masks of the last turn.
+Offline that is the frame before; live it is one that the followed receiver has.
 
 With `motion` the ranges of a turn ago, moved as the sensor moved since, are a context for ranges and masks
 (`entropy.MaskStream`). Slabs (frames of less than half a turn) continue where the slab before ended.
@@ -44,22 +44,23 @@ class PredictiveRanges:
 
     _settings: InForce[PredictiveSettings]
 
-    def __init__(self) -> None:
-        self._coder = entropy.PredictiveCoder()
-
     def take(self, settings: InForce[PredictiveSettings]) -> bool:
         """Takes settings; no frame needs a key message for them."""
         self._settings = settings
         return False
 
-    def reset(self) -> None:
-        """Forgets what was learned."""
-        self._coder.reset()
+    def begin(self) -> entropy.PredictiveCoder:
+        """A coder that learned nothing."""
+        return entropy.PredictiveCoder()
 
-    def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
+    def copy(self, learned: entropy.PredictiveCoder) -> entropy.PredictiveCoder:
+        """The coder once more."""
+        return learned.copy()
+
+    def encode(self, frame: Frame, reference: Reference, learned: entropy.PredictiveCoder) -> CodedRanges:
         """The RANGE section of a frame."""
         stream = self._settings.stream
-        coded, free = coded_ranges(self._coder, frame, reference, stream, quick=self._settings.own.effort == 1)
+        coded, free = coded_ranges(learned, frame, reference, stream, quick=self._settings.own.effort == 1)
         return CodedRanges(with_step(stream.step, coded), free)
 
 

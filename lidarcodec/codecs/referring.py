@@ -1,10 +1,11 @@
 """Encoder part of codecs whose ranges refer to frames since the last key message: `predictive` and `riddle`.
 
-`ReferenceTracker` says what a frame is coded with beside itself, a `Reference`: the ranges to expect, with the motion
-of the sensor that they were moved by, the columns before a slab, and the count of firings. `Referring` gives it to the
-mask and to the codec's own `RangeCoder`, and hands back to the tracker what was sent. So each frame is:
+A frame goes on from the `Memory` after another one: what was sent up to that, and what the coders learned.
+`ReferenceTracker` says by it what the frame is coded with beside itself, a `Reference`: the ranges to expect, with the
+motion of the sensor that they were moved by, the columns before a slab, and the count of firings. `Referring` gives it
+to the mask and to the codec's own `RangeCoder`. So each frame is:
 
-    reference -> mask and other planes -> ranges -> what the next reference may use
+    memory after an earlier frame -> reference -> mask and other planes -> ranges -> memory after this frame
 
 A message without a MOTION section expects nothing. A frame that begins from nothing never expects anything.
 
@@ -14,6 +15,8 @@ if they were its own, and with the motion of the message before where that is st
 
 from __future__ import annotations
 
+from collections.abc import Set
+from dataclasses import dataclass
 from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -21,6 +24,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.base import CodecSettings, InForce
 from lidarcodec.codecs.frame_encoder import Coded
+from lidarcodec.codecs.kept_frames import KeptFrames
 from lidarcodec.entropy import KnownColumns, MaskStream, PredictiveCoder, ReturnSamples, columns_in_turn
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
@@ -114,27 +118,49 @@ def coded_ranges(
     return CodedRanges(coded, free)
 
 
-class RangeCoder(Protocol[OwnReferring]):
-    """How such a codec writes ranges. It may learn from frame to frame."""
+Learned = TypeVar("Learned")
+"""What a coder of ranges learned up to a frame."""
+
+
+class RangeCoder(Protocol[OwnReferring, Learned]):
+    """How such a codec writes ranges. What it learns from frame to frame is held by its caller."""
 
     def take(self, settings: InForce[OwnReferring]) -> bool:
         """Follow these settings. True: the next message must be a key message. Raises SettingsError."""
 
-    def reset(self) -> None:
-        """Forget what was learned since the last message that needs no other."""
+    def begin(self) -> Learned:
+        """Nothing learned."""
 
-    def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
-        """The ranges of the frame's `valid` returns."""
+    def copy(self, learned: Learned) -> Learned:
+        """The same once more."""
+
+    def encode(self, frame: Frame, reference: Reference, learned: Learned) -> CodedRanges:
+        """The ranges of the frame's `valid` returns. Changes `learned`."""
+
+
+@dataclass
+class SentFrames:
+    """What a stream has sent up to a frame, since the last message that needs no other.
+
+    motion: of the last frame with one
+    """
+
+    ranges: StreamHistory
+    motion: Motion | None = None
+
+    def copy(self) -> SentFrames:
+        """The same once more."""
+        return SentFrames(self.ranges.copy(), self.motion)
 
 
 class ReferenceTracker:
-    """What a stream has sent since the last message that needs no other, as the reference of the next frame."""
+    """Makes the references of the frames of a stream from what was sent."""
 
     def __init__(self) -> None:
-        self._sent: Final = StreamHistory()
         self._firings: Final = FiringCounter()
         self._finder: MotionFinder | None = None
-        self._motion: Motion | None = None
+        self._last = StreamHistory()
+        """What was sent up to the last frame."""
 
     def expect(self, expects: bool) -> bool:
         """Say whether to expect ranges from the next frame on; whether the stream has to begin from nothing for it."""
@@ -146,104 +172,117 @@ class ReferenceTracker:
         return begins
 
     def begin(self, frame: Frame) -> Reference:
-        """Forget everything; the reference of a frame that begins from nothing."""
+        """The reference of a frame that begins from nothing."""
         if self._finder is not None:
-            self._finder.next(frame, self._sent.seen)
-        self._sent.forget()
-        self._motion = None
-        return Reference(edge=self._edge(frame))
+            self._finder.next(frame, self._last.seen)
+        return Reference(edge=_edge(frame, StreamHistory()))
 
-    def go_on(self, frame: Frame) -> Reference:
-        """The reference of a frame that goes on from those before."""
-        edge = self._edge(frame)
-        motion = None if self._finder is None else self._finder.next(frame, self._sent.seen).motion
+    def go_on(self, frame: Frame, sent: SentFrames) -> Reference:
+        """The reference of a frame that goes on from others."""
+        edge = _edge(frame, sent.ranges)
+        motion = None if self._finder is None else self._finder.next(frame, sent.ranges.seen).motion
         if motion is None:
             return Reference(edge=edge)
-        expected = self._sent.expected(motion, frame.azimuth, frame.fired, frame.sensor)
-        moves_on = edge is not None and motion == self._motion
-        self._motion = motion
+        expected = sent.ranges.expected(motion, frame.azimuth, frame.fired, frame.sensor)
+        moves_on = edge is not None and motion == sent.motion
+        sent.motion = motion
         return Reference(expected, motion, moves_on, edge)
 
     def counted(self, frame: Frame, reference: Reference) -> Reference:
         """The reference with the count of firings."""
         return reference._replace(firing=self._firings.columns_before(frame))
 
-    def take(self, frame: Frame, reference: Reference, free: Ranges | None, step: int) -> None:
-        """Take a frame that was sent. free: of `CodedRanges`; step: of rounded ranges."""
+    def take(self, frame: Frame, reference: Reference, coded: CodedRanges, step: int, sent: SentFrames) -> None:
+        """Add a frame to what was sent. step: of rounded ranges."""
+        self._last = sent.ranges
         if reference.edge is None:
-            self._sent.forget_edge()
+            sent.ranges.forget_edge()
             if self._finder is None:
                 return
-        sent = as_decoded(frame.range_u16, frame.valid, step, level_offsets(frame.sensor)) if free is None else free
+        free, levels = coded.free, level_offsets(frame.sensor)
+        ranges = as_decoded(frame.range_u16, frame.valid, step, levels) if free is None else free
         if reference.edge is not None:
-            self._sent.remember_edge(sent, frame.azimuth, frame.fired, reference.expected)
+            sent.ranges.remember_edge(ranges, frame.azimuth, frame.fired, reference.expected)
         if self._finder is not None:
             slab = reference.edge is not None
-            self._sent.remember(sent, frame.azimuth, frame.fired, frame.sensor, slab=slab)
-
-    def _edge(self, frame: Frame) -> KnownColumns | None:
-        slab = bool(frame.valid.any()) and swept(frame.azimuth) < AZIMUTH_TURN // 2
-        return self._sent.edge_before(frame.azimuth) if slab else None
+            sent.ranges.remember(ranges, frame.azimuth, frame.fired, frame.sensor, slab=slab)
 
 
-class Referring(Generic[OwnReferring]):
+def _edge(frame: Frame, sent: StreamHistory) -> KnownColumns | None:
+    slab = bool(frame.valid.any()) and swept(frame.azimuth) < AZIMUTH_TURN // 2
+    return sent.edge_before(frame.azimuth) if slab else None
+
+
+@dataclass
+class Memory(Generic[Learned]):
+    """What encoder and decoder both know after a frame."""
+
+    sent: SentFrames
+    mask_stream: MaskStream
+    masks: MaskHistory
+    learned: Learned
+
+
+class Referring(Generic[OwnReferring, Learned]):
     """Content of such a codec. ranges: writes the RANGE section."""
 
     _settings: InForce[OwnReferring]
 
-    def __init__(self, ranges: RangeCoder[OwnReferring]) -> None:
+    def __init__(self, ranges: RangeCoder[OwnReferring, Learned]) -> None:
         self._ranges: Final = ranges
         self._references: Final = ReferenceTracker()
-        self._mask_stream: Final = MaskStream()
-        self._masks: MaskHistory | None = None
-        self._last: int | None = None
-        """Index of the frame that the next one may go on from; None: it begins from nothing."""
+        self._kept: Final = KeptFrames[Memory[Learned]](self._copy)
 
     def take(self, settings: InForce[OwnReferring]) -> bool:
         """Takes settings. A frame that is to expect something for the first time begins from nothing."""
         key = self._ranges.take(settings)
         self._settings = settings
         if self._references.expect(settings.own.expects):
-            self._last = None
+            self._kept.forget()
         return key
+
+    def refer_to(self, indices: Set[int] | None) -> None:
+        """Refer to the newest of these frames; None: to the frame before."""
+        self._kept.refer_to(indices)
 
     def code(self, frame: Frame, *, key: bool) -> Coded:
         """Ranges, planes and motion of a frame."""
         settings, remembers = self._settings, self._settings.own.memory
-        needs = self._last if remembers and not key else None
-        self._last = None  # until the frame is whole: no decoder learns what a frame that fails has taught
-        reference = self._reference(frame, begins=needs is None)
-        planes = self._planes(frame, reference)
+        found = self._kept.reference() if remembers and not key else None
+        if found is None:
+            self._kept.forget()
+            needs, memory = None, Memory(SentFrames(StreamHistory()), MaskStream(), MaskHistory(), self._ranges.begin())
+            reference = self._references.begin(frame)
+        else:
+            needs, memory = found
+            reference = self._references.go_on(frame, memory.sent)
+        planes = self._planes(frame, reference, memory, follows=needs is not None)
         if remembers:  # coded alone, a frame may begin anywhere
             reference = self._references.counted(frame, reference)
-        data, free = self._ranges.encode(frame, reference)
-        sections = [Section(SectionType.RANGE, data), *planes]
+        coded = self._ranges.encode(frame, reference, memory.learned)
+        sections = [Section(SectionType.RANGE, coded.data), *planes]
         if reference.motion is not None:
             moved = b"" if reference.moves_on else encode_motion(reference.motion)
             sections.append(Section(SectionType.MOTION, moved))
         if remembers:
-            self._masks = self._masks or MaskHistory()
-            self._masks.remember(frame.valid, frame.azimuth, frame.sensor)
-            self._references.take(frame, reference, free, settings.stream.step)
-            self._last = frame.index
+            memory.masks.remember(frame.valid, frame.azimuth, frame.sensor)
+            self._references.take(frame, reference, coded, settings.stream.step, memory.sent)
+            self._kept.put(frame.index, memory)
         return Coded(sections, needs)
 
-    def _reference(self, frame: Frame, *, begins: bool) -> Reference:
-        if not begins:
-            return self._references.go_on(frame)
-        self._masks = None
-        self._mask_stream.forget()
-        self._ranges.reset()
-        return self._references.begin(frame)
+    def _copy(self, memory: Memory[Learned]) -> Memory[Learned]:
+        learned = self._ranges.copy(memory.learned)
+        return Memory(memory.sent.copy(), memory.mask_stream.copy(), memory.masks.copy(), learned)
 
-    def _planes(self, frame: Frame, reference: Reference) -> list[Section]:
+    def _planes(self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool) -> list[Section]:
         quality = Quality.of(self._settings.stream)
         if frame.keep is None and self._settings.own.expects:
-            return encode_planes(frame, quality, encode_mask=lambda of: self._mask(of, reference))
-        previous = None if self._masks is None else self._masks.before(frame.azimuth, frame.sensor)
+            return encode_planes(frame, quality, encode_mask=lambda of: _mask(of, reference, memory.mask_stream))
+        previous = memory.masks.before(frame.azimuth, frame.sensor) if follows else None
         return encode_planes(frame, quality, previous)
 
-    def _mask(self, frame: Frame, reference: Reference) -> bytes:
-        numbers = None if reference.motion is None else reference.motion.numbers
-        given = (frame.azimuth, frame.fired, beam_rows(frame.sensor), reference.expected, numbers)
-        return self._mask_stream.encode(frame.valid, *given)
+
+def _mask(frame: Frame, reference: Reference, stream: MaskStream) -> bytes:
+    numbers = None if reference.motion is None else reference.motion.numbers
+    given = (frame.azimuth, frame.fired, beam_rows(frame.sensor), reference.expected, numbers)
+    return stream.encode(frame.valid, *given)

@@ -21,7 +21,8 @@ refused before its ranges are read.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -34,6 +35,7 @@ from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings, coded_ranges
+from lidarcodec.entropy import NativeNets
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -66,39 +68,18 @@ class RiddleSettings(ReferringSettings):
     no training."""
 
 
-class LearnedCoder:
-    """The coder of ranges with networks that can be changed."""
+@dataclass
+class RiddleMemory:
+    """What is known after a frame: the coder of ranges, the weights and effort that it has, and the last update of
+    weights that was sent."""
 
-    def __init__(self) -> None:
-        self._coder = entropy.PredictiveCoder()
-        self._used: tuple[str, int] | None = None
+    coder: entropy.PredictiveCoder | None = None
+    used: tuple[str, int] | None = None
+    told: Update | None = None
 
-    def use(self, weights: Weights | None, effort: int, *, goes_on: bool = False) -> bool:
-        """Code with these from now on; None: without a network. Whether that forgets what was learned: not where a
-        stream goes on with other weights for the same effort.
-
-        Raises UnknownNameError if the weights have no network for a kind of frame.
-        """
-        wanted = ("", effort) if weights is None else (weights.name, effort)
-        if self._used == wanted:
-            return False
-        nets = None if weights is None else native_nets(networks_of(weights, effort))
-        kept = goes_on and nets is not None and self._used is not None and self._used[0] and self._used[1] == effort
-        if kept and nets is not None:
-            self._coder.change(nets)
-        else:
-            self._coder = entropy.PredictiveCoder(nets=nets)
-        self._used = wanted
-        return not kept
-
-    def reset(self) -> None:
-        """Forget what was learned."""
-        self._coder.reset()
-
-    @property
-    def coder(self) -> entropy.PredictiveCoder:
-        """The coder itself."""
-        return self._coder
+    def copy(self) -> RiddleMemory:
+        """The same once more."""
+        return RiddleMemory(None if self.coder is None else self.coder.copy(), self.used, self.told)
 
 
 class NetworkRanges:
@@ -108,13 +89,12 @@ class NetworkRanges:
     _settings: InForce[RiddleSettings]
 
     def __init__(self, own: RiddleSettings) -> None:
-        self._memory = LearnedCoder()
         self._own = own
         self._weights = _weights_for(own)
-        self._memory.use(self._weights, own.effort)
+        self._nets = _nets_of(self._weights, own.effort)
         self._learner: Learner | None = None
         self._update: Update | None = None
-        self._untold = False
+        self._tells = False
 
     def take(self, settings: InForce[RiddleSettings]) -> bool:
         """Takes new settings; other weights, or another effort, need a key message. What was learned in the stream is
@@ -123,27 +103,30 @@ class NetworkRanges:
         weights, begins = self._weights, False
         if (own.weights, own.effort) != (before.weights, before.effort):
             weights = _weights_for(own)
-            begins = self._memory.use(weights, own.effort)
+            begins = (_name_of(weights), own.effort) != (_name_of(self._current), before.effort)
         if begins or own.expects != before.expects:
-            self._learner, self._update, self._untold = None, None, False
-            self._memory.use(weights, own.effort, goes_on=True)
+            self._nets = _nets_of(weights, own.effort)
+            self._learner, self._update = None, None
         self._weights, self._own, self._settings = weights, own, settings
         return begins
 
-    def reset(self) -> None:
-        """Forgets what contexts learned; networks stay."""
-        self._memory.reset()
+    def begin(self) -> RiddleMemory:
+        """Nothing learned; networks stay."""
+        return RiddleMemory()
 
-    def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
+    def copy(self, learned: RiddleMemory) -> RiddleMemory:
+        """The same once more."""
+        return learned.copy()
+
+    def encode(self, frame: Frame, reference: Reference, learned: RiddleMemory) -> CodedRanges:
         """The RANGE section of a frame. Some of its returns go to the learner, if there is one."""
         stream, learner = self._settings.stream, self._learner
         samples = None if learner is None else learner.samples_of(frame, expects=reference.expected is not None)
-        coded, free = coded_ranges(self._memory.coder, frame, reference, stream, quick=True, samples=samples)
+        coded, free = coded_ranges(self._coder(learned), frame, reference, stream, quick=True, samples=samples)
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)
-        name = bytes(_NAME_BYTES)
-        if self._weights is not None:
-            name = bytes.fromhex((self._weights if self._update is None else self._update.weights).name)
+        self._tells, learned.told = learned.told is not self._update, self._update
+        name = bytes.fromhex(_name_of(self._current)) or bytes(_NAME_BYTES)
         return CodedRanges(with_step(stream.step, bytes([self._own.effort]) + name + coded), free)
 
     def take_offer(self) -> None:
@@ -155,17 +138,15 @@ class NetworkRanges:
             self._learner = None  # another thread made it while settings changed: it learns something else
             return
         if (offer := learner.offered()) is not None:
-            self._memory.use(offer.weights, own.effort, goes_on=True)
-            self._update, self._untold = offer.update, True
+            self._update, self._nets = offer.update, _nets_of(offer.weights, own.effort)
 
     def weight_sections(self, *, key: bool) -> list[Section]:
         """WEIGHTS sections of the message of the frame that was coded last: what its decoder lacks."""
         sections = []
         if key and self._weights is not None and self._weights.name not in shipped():
             sections.append(Section(SectionType.WEIGHTS, self._weights.data))
-        if (key or self._untold) and self._update is not None:
+        if (key or self._tells) and self._update is not None:
             sections.append(Section(SectionType.WEIGHTS, self._update.data))
-        self._untold = False
         return sections
 
     def learn(self, steps: int, budget_ms: float | None) -> int:
@@ -177,6 +158,22 @@ class NetworkRanges:
             learner = self._learner = Learner(weights, networks_of(weights, own.effort), expects=own.expects)
         learner.key_interval = self._settings.stream.key_interval
         return learner.learn(steps, budget_ms)
+
+    @property
+    def _current(self) -> Weights | None:
+        """The weights to code with."""
+        return self._weights if self._update is None else self._update.weights
+
+    def _coder(self, learned: RiddleMemory) -> entropy.PredictiveCoder:
+        """The coder with the current networks. What it learned stays where only the weights are others."""
+        used, nets, coder = learned.used, self._nets, learned.coder
+        wanted = (_name_of(self._current), self._own.effort)
+        if coder is None or used is None or not _goes_on(used, wanted):
+            coder = entropy.PredictiveCoder(nets=nets)
+        elif used != wanted and nets is not None:
+            coder.change(nets)
+        learned.coder, learned.used = coder, wanted
+        return coder
 
     @property
     def learn_ms(self) -> float:
@@ -200,6 +197,10 @@ class RiddleContent:
         """Takes settings; True: the next message must be a key message."""
         return self._referring.take(settings)
 
+    def refer_to(self, indices: Set[int] | None) -> None:
+        """Refer to the newest of these frames; None: to the frame before."""
+        self._referring.refer_to(indices)
+
     def code(self, frame: Frame, *, key: bool) -> Coded:
         """All sections of a frame but the calibration."""
         self._ranges.take_offer()
@@ -221,6 +222,10 @@ class RiddleEncoder:
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """The frame's message. Raises LidarCodecError for a frame that contradicts itself."""
         return self._frames.encode(frame, key=key)
+
+    def refer_to(self, indices: Set[int] | None) -> bool:
+        """Refer to the newest of these frames; None: to the frame before."""
+        return self._frames.refer_to(indices)
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings; other weights, or another effort, begin with a key message."""
@@ -266,6 +271,20 @@ def _weights_for(own: RiddleSettings) -> Weights | None:
     except LidarCodecError as error:
         raise SettingsError(str(error), "codec_settings.weights") from None
     return weights if weights.name in shipped() else weights_with(nets)
+
+
+def _name_of(weights: Weights | None) -> str:
+    return "" if weights is None else weights.name
+
+
+def _nets_of(weights: Weights | None, effort: int) -> NativeNets | None:
+    """Networks as the coder takes them. Raises UnknownNameError if there is none for a kind of frame."""
+    return None if weights is None else native_nets(networks_of(weights, effort))
+
+
+def _goes_on(used: tuple[str, int], wanted: tuple[str, int]) -> bool:
+    """Whether a stream goes on with what was learned with other weights: they are for the same effort."""
+    return used == wanted or (bool(used[0]) and bool(wanted[0]) and used[1] == wanted[1])
 
 
 def _read_weights(settings: StreamSettings) -> Weights | None:

@@ -41,8 +41,12 @@ class MaskStream:
     motion: (12,) int32, with which they were expected: rotation (2^-30) and translation (1/16 mm) since the last turn
     """
 
-    def __init__(self) -> None:
-        self._native: Final = _native.MaskStream()
+    def __init__(self, native: _native.MaskStream | None = None) -> None:
+        self._native: Final = native or _native.MaskStream()
+
+    def copy(self) -> MaskStream:
+        """Another one, which goes on from the same state."""
+        return MaskStream(self._native.copy())
 
     def forget(self) -> None:
         """Forget everything: the next mask begins."""

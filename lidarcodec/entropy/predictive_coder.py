@@ -85,6 +85,12 @@ class PredictiveCoder:
     def __init__(self, path: str = "", nets: NativeNets | None = None) -> None:
         self._native = _native.PredictiveCoder(path, None if nets is None else nets.native)
 
+    def copy(self) -> PredictiveCoder:
+        """Another one, which goes on from the same state."""
+        other = PredictiveCoder.__new__(PredictiveCoder)
+        other._native = self._native.copy()
+        return other
+
     def reset(self) -> None:
         """Forget everything."""
         self._native.reset()

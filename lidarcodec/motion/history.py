@@ -40,6 +40,12 @@ class MaskHistory:
     def __init__(self) -> None:
         self._sent: Mask = np.zeros((DIRECTIONS, LASERS), np.bool_)  # the rows of a column are adjacent
 
+    def copy(self) -> MaskHistory:
+        """Another one that has stored the same."""
+        other = MaskHistory.__new__(MaskHistory)
+        other._sent = self._sent.copy()
+        return other
+
     def before(self, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> Mask:
         """(64, W) bool, the mask last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000"""
         if not self._sent.any():  # quick for empty masks, for example of a covered sensor
@@ -87,6 +93,13 @@ class StreamHistory:
         self._edge = KnownColumns.none()  # the last columns, up to EDGE_COLUMNS, if slabs were sent last
         self._edge_azimuth: int | None = None
         self._waiting: deque[_Sent] = deque()
+
+    def copy(self) -> StreamHistory:
+        """Another one that has stored the same."""
+        other = StreamHistory.__new__(StreamHistory)
+        other._seen, other._waiting = self._seen.copy(), self._waiting.copy()
+        other._edge, other._edge_azimuth = self._edge, self._edge_azimuth
+        return other
 
     def forget(self) -> None:
         """Forget everything, before a key message."""

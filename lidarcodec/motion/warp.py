@@ -51,8 +51,12 @@ def beam_rows(sensor: SensorModel) -> npt.NDArray[np.int32]:
 class RangeHistory:
     """The last ranges in each direction; 0.6 MB."""
 
-    def __init__(self) -> None:
-        self.native: Final = _native.RangeHistory()
+    def __init__(self, native: _native.RangeHistory | None = None) -> None:
+        self.native: Final = native or _native.RangeHistory()
+
+    def copy(self) -> RangeHistory:
+        """Another one that has stored the same."""
+        return RangeHistory(self.native.copy())
 
     def forget(self) -> None:
         """Forget everything, before a key frame."""

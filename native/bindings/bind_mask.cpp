@@ -137,6 +137,9 @@ MaskView view_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>&
 void bind_mask_stream(nb::module_& m) {
   nb::class_<MaskStream>(m, "MaskStream")
       .def(nb::init<>())
+      .def(
+          "copy", [](const MaskStream& stream) { return MaskStream(stream); },
+          "Another one, which goes on from the same state.")
       .def("forget", &MaskStream::forget, "Returns all models to their initial state, and forgets all frames.")
       .def(
           "encode",

@@ -29,6 +29,8 @@ Motion motion_of(const In<std::int32_t, 1>& numbers) {
 void bind_motion(nb::module_& m) {
   nb::class_<RangeHistory>(m, "RangeHistory", "The ranges last seen in each direction; see lidarcodec.motion.warp.")
       .def(nb::init<>())
+      .def(
+          "copy", [](const RangeHistory& self) { return RangeHistory(self); }, "Another one that has seen the same.")
       .def("forget", &RangeHistory::forget, "Forgets everything.")
       .def(
           "remember",

@@ -67,6 +67,9 @@ void bind_predictive(nb::module_& m) {
       .def(
           "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); }, nb::arg("nets"),
           "Replaces the networks; the state of the contexts stays.")
+      .def(
+          "copy", [](const PredictiveCoder& coder) { return PredictiveCoder(coder); },
+          "Another one, which goes on from the same state.")
       .def("reset", &PredictiveCoder::reset, "Returns all models to their initial state.")
       .def(
           "encode",

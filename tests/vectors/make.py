@@ -99,6 +99,20 @@ def streams() -> dict[str, list[Message]]:
         settings = StreamSettings(codec="zstd", max_error_m=0.01, intensity=levels, key_interval=20)
         modelled = modelled_zstd(table.codec_id("zstd"), settings, STREAM)
         made[name] = [one for frame in varied() for one in modelled.encode(frame)]
+    return made | lossy_streams()
+
+
+def lossy_streams() -> dict[str, list[Message]]:
+    """Messages that refer to frames before the last one, as after losses; decoders get all of them."""
+    made: dict[str, list[Message]] = {}
+    for codec, own in {"zstd": {}, "predictive": {"motion": True}}.items():
+        settings = StreamSettings(codec=codec, codec_settings=own, key_interval=20)
+        maker = modelled_zstd if codec == "zstd" else table.codec(codec).encoder
+        encoder, messages = maker(table.codec_id(codec), settings, STREAM), []
+        for frame, needs in zip(varied(), (0, 0, 0, 1, 0, 3, 1, 4, 5, 5), strict=True):
+            encoder.refer_to({needs})
+            messages += encoder.encode(frame)
+        made[f"{codec}_losses"] = messages
     return made
 
 

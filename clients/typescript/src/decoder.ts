@@ -1,9 +1,10 @@
 /** Messages to frames: codecs raw and zstd. */
 
+import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
-import { MaskHistory } from "./history.js";
+import { MaskHistory, Referable } from "./history.js";
 import { latticeOf, widened, widenedAzimuth } from "./lattice.js";
-import { Codec, type Message, Section, needed, readMessage } from "./message.js";
+import { Codec, Section, needed, readMessage } from "./message.js";
 import { type DescribedSensor, readDescribed } from "./other/calibration.js";
 import { type ImageFrame, readImageFrame } from "./other/frame.js";
 import { type Planes, count, readPlanes } from "./planes.js";
@@ -41,10 +42,8 @@ export class Decoder {
   #of = "";
   #sensors = new SensorBook<Sensor>([1, 2], readSensor);
   #described = new SensorBook<DescribedSensor>([3], readDescribed);
-  readonly #history = new MaskHistory();
-  /** Index of the last decoded frame, and the frame itself until a mask refers to it. */
-  #last: bigint | null = null;
-  #unseen: { planes: Planes; sensor: Sensor }[] = [];
+  /** The frames that a message may refer to, with the masks up to each. */
+  readonly #referable = new Referable<Masks>();
 
   private constructor() {}
 
@@ -65,23 +64,18 @@ export class Decoder {
       this.#of = `${codec} ${streamId} ${message.planes}`;
       this.#sensors = new SensorBook<Sensor>([1, 2], readSensor);
       this.#described = new SensorBook<DescribedSensor>([3], readDescribed);
-      this.#last = null;
+      this.#referable.forget();
     }
     if (message.planes) return readImageFrame(message, this.#described);
     const sensor = this.#sensors.of(message);
-    if (message.needs !== null && message.needs !== this.#last)
-      throw new DecodeError("reference", `frame ${index} needs frame ${message.needs}: ask for a key message`);
-    const planes = codec === Codec.raw ? readRaw(message, sensor) : this.#planes(message, sensor);
+    const history = this.#referable.of(message)?.history() ?? null;
+    const before = history && ((columns: Columns) => history.before(columns, sensor));
+    const planes = codec === Codec.raw ? readRaw(message, sensor) : readPlanes(message, sensor, before);
     const range = "range" in planes ? (planes.range as Uint16Array) : readZstdRanges(needed(message, Section.RANGE, "ranges"), planes.mask);
     const pose = readPose(message);
     const lattice = latticeOf(message);
     if (message.packets > 0 && message.section(Section.SIDE) === null) throw damaged("packets without side information");
-    if (message.needs === null) {
-      this.#history.forget();
-      this.#unseen = [];
-    }
-    this.#unseen.push({ planes, sensor });
-    this.#last = index;
+    this.#referable.took(message, new Masks(history, planes, sensor));
     const returns = count(planes.mask);
     const frame = { streamId, index, stampNs: message.stampNs, codec, sensor, returns, pose, filled: null, madeUp: 0 };
     if (lattice === null) return { ...planes, ...frame, range, lattice };
@@ -96,11 +90,26 @@ export class Decoder {
       lattice: lattice.columns,
     };
   }
+}
 
-  #planes(message: Message, sensor: Sensor): Planes {
-    if (message.needs === null) return readPlanes(message, sensor, null);
-    for (const { planes, sensor: of } of this.#unseen) this.#history.remember(planes.mask, planes, of);
-    this.#unseen = [];
-    return readPlanes(message, sensor, (columns) => this.#history.before(columns, sensor));
+/** The masks up to a frame. They are put together once a mask refers to them: most streams never ask. */
+class Masks {
+  readonly #before: MaskHistory | null;
+  readonly #planes: Planes;
+  readonly #sensor: Sensor;
+  #history: MaskHistory | null = null;
+
+  constructor(before: MaskHistory | null, planes: Planes, sensor: Sensor) {
+    this.#before = before;
+    this.#planes = planes;
+    this.#sensor = sensor;
+  }
+
+  history(): MaskHistory {
+    if (this.#history !== null) return this.#history;
+    const history = this.#before?.copy() ?? new MaskHistory();
+    history.remember(this.#planes.mask, this.#planes, this.#sensor);
+    this.#history = history;
+    return history;
   }
 }

@@ -62,6 +62,11 @@ KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
 
 PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets)
     : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), slab_ends_(std::make_unique<SlabEnds>()) {}
+PredictiveCoder::PredictiveCoder(const PredictiveCoder& other)
+    : path_(other.path_),
+      nets_(other.nets_),
+      model_(other.model_),
+      slab_ends_(std::make_unique<SlabEnds>(*other.slab_ends_)) {}
 PredictiveCoder::~PredictiveCoder() = default;
 
 const RiddleNet* PredictiveCoder::net_of(bool expects) const {

@@ -61,6 +61,9 @@ class PredictiveCoder {
  public:
   // path: which instructions it uses; all paths give the same bytes. nets: the networks, or nullptr.
   explicit PredictiveCoder(Path path = quickest_path(), std::shared_ptr<const RiddleNets> nets = nullptr);
+  // Copies go on from the same models, each by itself.
+  PredictiveCoder(const PredictiveCoder& other);
+  PredictiveCoder& operator=(const PredictiveCoder&) = delete;
   ~PredictiveCoder();
 
   // Returns all models to their initial state.

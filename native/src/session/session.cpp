@@ -66,6 +66,13 @@ std::shared_ptr<const RiddleNets> nets_of(const WeightFile& weights, std::uint8_
   return nets;
 }
 
+[[noreturn]] void throw_missing(const Message& message) {
+  throw Error(ErrorCode::Reference,
+              "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) +
+                  ", which was not decoded: ask for a key frame",
+              *message.needs);
+}
+
 }  // namespace
 
 void Session::begin_stream(const Message& message) {
@@ -75,18 +82,15 @@ void Session::begin_stream(const Message& message) {
     sensors_ = {};
     described_ = {};
     shelf_.forget();
-    masks_.forget();
     last_.reset();
+    kept_.forget();
   }
   of_.reset();  // until all that the stream needs is here
-  mask_stream_.reset();
-  memory_.reset();
-  coder_.reset();
-  used_.reset();
+  now_ = {};
   if (!message.planes && expects_ranges(message.codec)) {
-    mask_stream_.emplace();
-    memory_.emplace();
-    coder_ = std::make_unique<PredictiveCoder>();
+    now_.mask_stream.emplace();
+    now_.memory.emplace();
+    now_.coder = std::make_unique<PredictiveCoder>();
   }
   of_ = of;
 }
@@ -133,7 +137,7 @@ SessionFrame Session::decode(const Message& message) {
 
 ImageFrame Session::images_of(const Message& message) {
   if (message.codec != Codec::Riddle) return read_image_frame(message, described_, *outside_, nullptr);
-  check_reference(message);
+  if (message.needs && message.needs != last_) throw_missing(message);
   if (!message.needs) plane_memory_ = empty_plane_memory();
   last_.reset();  // until the message is decoded
   ImageFrame images = read_image_frame(message, described_, *outside_, plane_memory_.get());
@@ -142,22 +146,30 @@ ImageFrame Session::images_of(const Message& message) {
   return images;
 }
 
-void Session::check_reference(const Message& message) const {
-  if (message.needs && message.needs != last_)
-    throw Error(ErrorCode::Reference,
-                "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) +
-                    ", which was not decoded: ask for a key frame",
-                *message.needs);
+// Goes on from the frame that the message needs. Raises Reference if that is not kept.
+void Session::refer(const Message& message) {
+  if (!message.needs) {
+    kept_.forget();
+  } else if (message.needs == last_) {
+    kept_.put(*last_, Remembered(now_));
+  } else {
+    std::optional<Remembered> found = kept_.take(*message.needs);
+    if (!found) throw_missing(message);
+    if (last_) kept_.put(*last_, std::move(now_));
+    now_ = Remembered(*found);
+    kept_.put(*message.needs, std::move(*found));
+    last_.reset();
+  }
 }
 
 void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
   frame.sensor = sensors_.of(message, *outside_);
-  check_reference(message);
+  refer(message);
   frame.planes = planes_of(message, *frame.sensor);
   if (message.needs)
-    masks_.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
+    now_.masks.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
   else
-    masks_.begin(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
+    now_.masks.begin(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
   last_ = message.frame_index;
   frame.has_intensity = message.has(SectionType::Intensity);
 }
@@ -174,9 +186,9 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
     expected_.reset();
     motion_ = {};
     if (!message.needs) {
-      memory_->forget();
-      mask_stream_->forget();
-      coder_->reset();
+      now_.memory->forget();
+      now_.mask_stream->forget();
+      now_.coder->reset();
     }
   }
   const Bytes coded = message.section(SectionType::Azimuth);
@@ -211,13 +223,13 @@ void Session::decode_mask_of(const Message& message, const Sensor& sensor, Plane
     view.vertical = sensor.beams.vertical;
     view.expected = foreseen == nullptr ? nullptr : foreseen->data();
     view.motion = motion_;
-    planes.returns = mask_stream_->decode(coded.data(), coded.size(), view);
+    planes.returns = now_.mask_stream->decode(coded.data(), coded.size(), view);
     return;
   }
   std::vector<std::uint8_t> before;
   EarlierMask earlier;
   if (message.needs) {
-    before = masks_.before(columns_of(planes), sensor.beams.half);
+    before = now_.masks.before(columns_of(planes), sensor.beams.half);
     earlier = {before.data(), planes.width};
   }
   planes.returns = keep && (kind == kSparseKeep || kind == kSparseKeepAfter)
@@ -230,8 +242,8 @@ const std::vector<std::uint16_t>* Session::expected(const Message& message, cons
                                                     const Planes& planes) {
   if (!expected_ && message.has(SectionType::Motion)) {
     const Bytes data = message.section(SectionType::Motion);
-    motion_ = memory_->motion(data.data(), data.size());
-    expected_ = memory_->expected(motion_, columns_of(planes), sensor.beams);
+    motion_ = now_.memory->motion(data.data(), data.size());
+    expected_ = now_.memory->expected(motion_, columns_of(planes), sensor.beams);
   }
   return expected_ ? &*expected_ : nullptr;
 }
@@ -251,18 +263,18 @@ void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes
   const std::optional<RiddleHead> head = learned ? std::optional(riddle_head(coded)) : std::nullopt;
   if (head) coded = coded.subspan(1 + kNameBytes);
   const KnownColumns known = known_columns(coded.data(), coded.size());
-  if (known != kWholeFrame) memory_->edge(static_cast<std::size_t>(known));  // are they here?
+  if (known != kWholeFrame) now_.memory->edge(static_cast<std::size_t>(known));  // are they here?
   if (head) use_networks(message, head->effort, head->name);
   const RangeCells cells{step, sensor.level};
   if (known != kWholeFrame) {
     decode_slab(coded, cells, static_cast<std::size_t>(known), foreseen, sensor, planes);
   } else {
-    planes.range = coder_->decode(coded.data(), coded.size(), planes.returns.data(), cells,
-                                  sensor.geometry(planes.width, planes.fired.data()),
-                                  foreseen == nullptr ? nullptr : foreseen->data());
-    memory_->forget_edge();
+    planes.range = now_.coder->decode(coded.data(), coded.size(), planes.returns.data(), cells,
+                                      sensor.geometry(planes.width, planes.fired.data()),
+                                      foreseen == nullptr ? nullptr : foreseen->data());
+    now_.memory->forget_edge();
   }
-  memory_->remember(planes.range, columns_of(planes), sensor.beams.half, known != kWholeFrame);
+  now_.memory->remember(planes.range, columns_of(planes), sensor.beams.half, known != kWholeFrame);
 }
 
 // Ranges of a slab, with the columns before it as if they were its own.
@@ -270,33 +282,34 @@ void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t befo
                           const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes) {
   const std::vector<std::uint16_t> foreseen =
       expected == nullptr ? std::vector<std::uint16_t>(planes.returns.size()) : *expected;
-  const Edge edge = memory_->edge(before);
+  const Edge edge = now_.memory->edge(before);
   const Edge all =
       edge.and_then({planes.width, {planes.returns.begin(), planes.returns.end()}, foreseen, planes.fired});
   std::vector<std::uint8_t> known(all.ranges.size());
   std::transform(all.ranges.begin(), all.ranges.end(), known.begin(),
                  [](std::uint16_t r) { return std::uint8_t{r != 0}; });
-  const std::vector<std::uint16_t> image = coder_->decode(
+  const std::vector<std::uint16_t> image = now_.coder->decode(
       coded.data(), coded.size(), known.data(), cells, sensor.geometry(all.width, all.fired.data()),
       expected == nullptr ? nullptr : all.expected.data(), static_cast<KnownColumns>(edge.width), edge.ranges.data());
   const Edge own = Edge{all.width, image, all.expected, all.fired}.last(planes.width);
   planes.range = own.ranges;
-  memory_->keep_edge(own);
+  now_.memory->keep_edge(own);
 }
 
 // Codes with the networks that a message names from now on. What was learned stays where a stream goes on with other
 // weights for the same effort. Raises Section or Reference.
 void Session::use_networks(const Message& message, std::uint8_t effort, const std::string& name) {
-  const Used wanted{effort == kPlainEffort ? "" : name, effort};
+  const UsedNets wanted{effort == kPlainEffort ? "" : name, effort};
   const Shelf::Weights weights = effort == kPlainEffort ? nullptr : shelf_.find(name, message.frame_index, *outside_);
-  if (used_ == wanted) return;
+  if (now_.used == wanted) return;
   const std::shared_ptr<const RiddleNets> nets = weights == nullptr ? nullptr : nets_of(*weights, effort);
-  const bool goes_on = message.needs && nets != nullptr && used_ && !used_->weights.empty() && used_->effort == effort;
+  const bool goes_on =
+      message.needs && nets != nullptr && now_.used && !now_.used->weights.empty() && now_.used->effort == effort;
   if (goes_on)
-    coder_->change(nets);
+    now_.coder->change(nets);
   else
-    coder_ = std::make_unique<PredictiveCoder>(quickest_path(), nets);
-  used_ = wanted;
+    now_.coder = std::make_unique<PredictiveCoder>(quickest_path(), nets);
+  now_.used = wanted;
   if (message.needs && !goes_on)
     throw Error(ErrorCode::Section, "another effort than that of the frame before, which it goes on from");
 }

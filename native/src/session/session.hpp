@@ -11,10 +11,8 @@
 #include <optional>
 #include <tuple>
 
-#include "mask/stream.hpp"
-#include "predictive/coder.hpp"
 #include "session/frames/image_frame.hpp"
-#include "session/history.hpp"
+#include "session/kept.hpp"
 #include "session/planes.hpp"
 #include "session/sensor.hpp"
 #include "session/shelf.hpp"
@@ -57,16 +55,9 @@ class Session {
   std::string missing_weights(Bytes message) const;
 
  private:
-  // Which networks the coder of ranges has; without any the name is "".
-  struct Used {
-    std::string weights;
-    std::uint8_t effort = 0;
-    bool operator==(const Used&) const = default;
-  };
-
   void begin_stream(const Message& message);
   ImageFrame images_of(const Message& message);
-  void check_reference(const Message& message) const;
+  void refer(const Message& message);
   void decode_planes_of(const Message& message, SessionFrame& frame);
   Planes planes_of(const Message& message, const Sensor& sensor);
   void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
@@ -84,17 +75,13 @@ class Session {
   SensorBook sensors_;
   DescribedSensorBook described_;
   Shelf shelf_;
-  MaskMemory masks_;
   std::optional<std::uint64_t> last_;  // index of the frame that was decoded last, if others may need it
+  Remembered now_;                     // after that frame
+  KeptFrames kept_;                    // after frames before it
 
-  // Of codecs that expect ranges; made for their streams alone, for they are large.
-  std::optional<MaskStream> mask_stream_;
-  std::optional<StreamMemory> memory_;
   std::shared_ptr<PlaneMemory> plane_memory_;           // of other sensors than an HDL-64E
   Motion motion_;                                       // of the message at hand
   std::optional<std::vector<std::uint16_t>> expected_;  // (64, W), of the message at hand, once it is asked for
-  std::unique_ptr<PredictiveCoder> coder_;
-  std::optional<Used> used_;
 };
 
 }  // namespace lidarcodec

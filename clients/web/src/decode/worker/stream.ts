@@ -2,6 +2,7 @@
 
 import { DecodeError, damaged } from "../../../../typescript/src/errors.js";
 import { fill as filled } from "../../../../typescript/src/filling.js";
+import { Referable } from "../../../../typescript/src/history.js";
 import { latticeOf } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
@@ -26,7 +27,7 @@ export class StreamDecoder {
   readonly #weights = new Map<string, Uint8Array>();
   #of = "";
   #native: NativeStream | null = null;
-  #last: bigint | null = null;
+  readonly #referable = new Referable<true>();
   /** The stream's calibration, for the module that follows one that failed. */
   #calibration: Uint8Array | null = null;
   #facts: SensorFacts | null = null;
@@ -43,18 +44,17 @@ export class StreamDecoder {
    * fill: make up returns between the columns of a thinned frame */
   async decode(data: Uint8Array, fill = false): Promise<Decoded> {
     const message = readMessage(data);
-    const { codec, streamId, index, needs } = message;
+    const { codec, streamId } = message;
     if (!(codec in DECODES)) throw new DecodeError("version", `codec ${codec} is not decoded here`);
     if (this.#of !== `${codec} ${streamId} ${message.planes}`) {
       this.#forget();
       this.#calibration = null;
       this.#of = `${codec} ${streamId} ${message.planes}`;
     }
-    if (needs !== null && needs !== this.#last)
-      throw new DecodeError("reference", `frame ${index} needs frame ${needs}: ask for a key message`);
+    this.#referable.of(message); // asked first, as an error of the module ends it
     try {
       const decoded = await this.#decode(message, data, fill);
-      this.#last = index;
+      this.#referable.took(message, true, message.planes);
       return decoded;
     } catch (error) {
       this.#forget(); // an error that left the module has left it in the middle of something
@@ -65,7 +65,7 @@ export class StreamDecoder {
 
   #forget(): void {
     this.#native = null;
-    this.#last = null;
+    this.#referable.forget();
   }
 
   async #decode(message: Message, data: Uint8Array, fill: boolean): Promise<Decoded> {
