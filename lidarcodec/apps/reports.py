@@ -1,9 +1,10 @@
 """Messages of a receiver: an arrival report for each received message, and a report once a second.
 
-An arrival report is 28 bytes, little endian: index of the message's first frame (u64), the receiver's host time in ns
-since the Unix epoch (i64), ns for which it held the report because its decoder was busy (u64), and the message's
-checksum (u32), which proves that it was received. Further bytes are ignored. A report is a JSON object; unknown fields
-are dropped.
+An arrival report is 36 bytes, little endian: index of the message's first frame (u64), the receiver's host time in ns
+since the Unix epoch (i64), ns for which it held the report because its decoder was busy (u64), the message's checksum
+(u32), which proves that it was received, and which of the 64 indices before it arrived (u64, bit k: index - 1 - k). So
+a report says at once what is missing, and makes good for reports that were lost. Further bytes are ignored. A report is
+a JSON object; unknown fields are dropped.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from typing import Any, NamedTuple
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
-_ARRIVAL = struct.Struct("<QqQI")
+_ARRIVAL = struct.Struct("<QqQIQ")
+EARLIER = 64
+"""Number of earlier indices in an arrival report."""
 MAX_REPORT_BYTES = 4096
 COUNTED = (
     "frames",
@@ -102,12 +105,18 @@ Report = dict[str, int | float | list[int] | None]
 
 class Arrival(NamedTuple):
     """frame_index: index of the message's first frame; now_ns: the receiver's host time; held_ns: delay of the report;
-    checksum: checksum of the message"""
+    checksum: checksum of the message; earlier: bit k is set if a message of index `frame_index - 1 - k` had arrived"""
 
     frame_index: int
     now_ns: int
     held_ns: int
     checksum: int
+    earlier: int = 0
+
+    def has(self, index: int) -> bool:
+        """Whether a message of that earlier index had arrived."""
+        back = self.frame_index - 1 - index
+        return 0 <= back < EARLIER and bool(self.earlier >> back & 1)
 
 
 def pack_arrival(arrival: Arrival) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 from lidarcodec.apps.publisher.flight import Flight
 
 
@@ -26,6 +28,6 @@ class Path(Flight):
         """A message is sent."""
         self.sent(index, checksum(index), size, frames, **how)
 
-    def told(self, name: str, index: int, held_s: float = 0.0) -> None:
-        """A receiver reports a message that it received."""
-        self.reported(name, index, checksum(index), held_s)
+    def told(self, name: str, index: int, held_s: float = 0.0, had: Container[int] = ()) -> None:
+        """A receiver reports a message that it received. had: indices that had arrived there before"""
+        self.reported(name, index, checksum(index), held_s, lambda one: one in had)

@@ -32,11 +32,14 @@ HOSTILE = [
 
 
 def test_an_arrival_report_may_grow_and_is_none_without_its_checksum():
-    said = Arrival(2**63, -5, 7, 2**32 - 1)
+    said = Arrival(2**63, -5, 7, 2**32 - 1, 2**64 - 2)
+    assert not said.has(2**63 - 1)
+    assert said.has(2**63 - 2)
+    assert not said.has(2**63)
     data = pack_arrival(said)
-    assert len(data) == 28
+    assert len(data) == 36
     assert read_arrival(data) == read_arrival(data + b"later") == said
-    assert read_arrival(data[:27]) is None
+    assert read_arrival(data[:35]) is None
 
 
 def test_known_fields_of_a_report_are_taken_and_others_left_out():

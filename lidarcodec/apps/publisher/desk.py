@@ -83,7 +83,8 @@ class Desk:
         name = key.rpartition("/")[2]
         arrival = read_arrival(data)
         if arrival is not None and is_name(name):
-            self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9)
+            held_s, had = arrival.held_ns / 1e9, arrival.has
+            self._flight.reported(name, arrival.frame_index, arrival.checksum, held_s, had)
 
     def _reported(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]

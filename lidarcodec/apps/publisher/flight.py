@@ -4,6 +4,10 @@ Only one message is in flight until its receiver reports the arrival. This bound
 on the path have large buffers, which no local setting can limit. With a long round trip one message would leave the
 link idle, so the number of messages is 1 + round(round-trip time / time to send one).
 
+A message counts as lost when a later report says that it is missing. When its own report is overdue, the next one is
+sent; `given_up` tells which messages that must not need. A receiver that reports nothing for a second is silent: then
+each message waits for a second, and another receiver may be followed.
+
 reports -> Proofs (which reports count) -> Followed (which receiver controls) -> UnderWay (which messages arrived)
 -> PathTimes (how long they took)
 """
@@ -19,8 +23,8 @@ from typing import Any
 
 from lidarcodec.apps.publisher.followed import FORGET_S, Followed, Standing, clearly_slower
 from lidarcodec.apps.publisher.path_times import LIMIT_S, MAX_IN_FLIGHT, PathTimes
-from lidarcodec.apps.publisher.proofs import Proofs
-from lidarcodec.apps.publisher.under_way import REMEMBERED, Sent, UnderWay
+from lidarcodec.apps.publisher.proofs import PROOFS, Proofs
+from lidarcodec.apps.publisher.under_way import REMEMBERED, Landed, Sent, UnderWay
 from lidarcodec.apps.timings import Timings
 from lidarcodec.ratecontrol.adaptive import Landing
 
@@ -33,7 +37,7 @@ WARNED_OF = 64
 class Flight:
     """Messages under way to the receiver that is followed. Thread-safe.
 
-    timeouts: messages sent although the message before was not reported
+    timeouts: messages whose report was overdue when the next one was due
     switches: number of changes of the followed receiver
     """
 
@@ -51,7 +55,10 @@ class Flight:
         self._followed = Followed(follow, clock, max(1.0, 3 * limit_s / FORGET_S), slow_server=slow_server)
         self._slower = SlowerWarning()
         self._proofs, self._under_way, self._path = Proofs(), UnderWay(), PathTimes(limit_s)
-        self._given_up_lately: deque[Sent] = deque(maxlen=REMEMBERED)
+        self._doubtful: dict[int, Sent] = {}
+        self._arrived: deque[int] = deque(maxlen=PROOFS)
+        self._quiet_s: float | None = None  # when the oldest message was sent since the last report
+        self._silent = False
         self._since_s = clock()
         self.timeouts = self.switches = 0
 
@@ -113,11 +120,19 @@ class Flight:
                 self._followed[name].rtt_s = rtt_s
                 self._condition.notify_all()
 
-    def reported(self, name: str, index: int, checksum: int | None, held_s: float = 0.0) -> None:
+    def reported(
+        self,
+        name: str,
+        index: int,
+        checksum: int | None,
+        held_s: float = 0.0,
+        has: Callable[[int], bool] = lambda _: False,
+    ) -> None:
         """A receiver reported a message. The message and all earlier ones are no longer under way.
 
         checksum: of the message, in the report; None if it has none
-        held_s: time for which the receiver held the report because its decoder was busy; not part of the path's time.
+        held_s: time for which the receiver held the report because its decoder was busy; not part of the path's time
+        has: whether an earlier message arrived there, by its index
         """
         now = self._clock()
         with self._condition:
@@ -125,12 +140,18 @@ class Flight:
             if put_s is None:
                 return
             self._switch(lambda: self._followed.proved(name, now - put_s))
+            if name != self._following():
+                return
+            self._doubtful.pop(index, None)
+            self._arrived.append(index)
             sent = self._under_way.find(index)
-            if name != self._following() or sent is None:
+            if sent is None:
                 return
             self._slower.check(name, self._followed[name].usual_s)
             self._path.arrived(sent, now, self._rtt(name), held_s, late=self._under_way.is_late(index))
-            self._under_way.arrived(index, name)
+            self._take(self._under_way.arrived(index, name, has))
+            self._quiet_s = min((one.at_s for one in self._under_way.unresolved(name)), default=None)
+            self._silent = False
             self._condition.notify_all()
 
     # --- messages ---------------------------------------------------------------------------------------------------
@@ -151,15 +172,15 @@ class Flight:
         with self._condition:
             self._path.new_codec()
 
-    def sent(
-        self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True
-    ) -> None:
-        """A message of `size` bytes and `frames` frames is sent now. alone: it can be decoded without other messages"""
+    def sent(self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False) -> None:
+        """A message of `size` bytes and `frames` frames is sent now."""
         with self._condition:
             to, now = self._following(), self._clock()
             self._proofs.put(index, checksum, now)
-            for old in self._under_way.put(index, Sent(now, size, key, alone, frames, to)):
+            for old in self._under_way.put(Sent(index, now, size, key, frames, to)):
                 self._under_way.missed(old, to or (old.to if old.to in self._followed else None))
+            if to is not None and self._quiet_s is None:
+                self._quiet_s = now
 
     def wait(self, timeout_s: float, most: int = MAX_IN_FLIGHT) -> bool:
         """Wait until the next message may be sent, at most `timeout_s`; returns whether it may.
@@ -168,15 +189,14 @@ class Flight:
         """
         end = self._clock() + timeout_s
         with self._condition:
-            while not self._may_send(most):
+            while True:
+                self._give_up(self._clock())
+                if self._may_send(most):
+                    return True
                 left = min(end, self._due()) - self._clock()
                 if left <= 0:
-                    if self._due() <= self._clock():
-                        self._time_out()
-                        return True
                     return False
                 self._condition.wait(left)
-            return True
 
     def wait_landed(self, timeout_s: float) -> bool:
         """Wait until all messages have arrived, at most `timeout_s`; returns whether they have."""
@@ -196,11 +216,19 @@ class Flight:
             return self._path.landings()
 
     def given_up(self) -> list[Sent]:
-        """The messages given up since the last call: they may or may not arrive."""
+        """The messages that became overdue or known as lost since the last call. An overdue one may still arrive."""
         with self._condition:
-            given_up = list(self._given_up_lately)
-            self._given_up_lately.clear()
+            self._give_up(self._clock())
+            given_up = list(self._doubtful.values())
+            self._doubtful.clear()
             return given_up
+
+    def arrivals(self) -> list[int]:
+        """Indices of the messages that the followed receiver has received, as was learned since the last call."""
+        with self._condition:
+            arrived = list(self._arrived)
+            self._arrived.clear()
+            return arrived
 
     def state(self) -> dict[str, Any]:
         """For the status: reporting receivers, the followed one and why, and messages under way."""
@@ -237,21 +265,43 @@ class Flight:
         if self._following() != before:
             self._since_s = self._clock()
             self._slower.switched(before, usual_s)
-            self._under_way.switched()
+            self._under_way.give_up()
             self._path.switched()
+            self._quiet_s, self._silent = None, False
+            self._arrived.clear()
             self.switches += 1
         self._condition.notify_all()
 
-    def _time_out(self) -> None:
-        """The followed receiver did not report in time: send the next message, and prefer receivers that report."""
-        self.timeouts += 1
-        waiting = self._under_way.waiting()
-        silent = self._following() if self._path.is_silence(self._path.report_limit_s(waiting)) else None
-        self._path.gave_up(waiting, self._clock())
-        self._given_up_lately += waiting
-        self._under_way.give_up()
-        if silent is not None:
-            self._switch(lambda: self._followed.silenced(silent))
+    def _give_up(self, now: float) -> None:
+        """Stop waiting for messages whose report is overdue, and for all of a receiver that is silent: then prefer
+        receivers that report.
+        """
+        due = [one for one in self._under_way.waiting() if now >= self._due_at(one)]
+        self.timeouts += len(due)
+        for one in due:
+            self._under_way.overdue(one.index)
+        quiet = self._quiet_s is not None and now - self._quiet_s >= self._path.silence_s()
+        falls_silent = bool(due) and quiet and not self._silent
+        name = self._following()
+        if falls_silent or (self._silent and due):
+            self._silent = True
+            self._path.gave_up(self._under_way.unresolved(name) if falls_silent else due, now)
+            due += self._under_way.waiting()
+            self._under_way.give_up()
+        self._doubt(due)
+        if falls_silent and name is not None:
+            self._switch(lambda: self._followed.silenced(name))
+
+    def _take(self, landed: Landed) -> None:
+        for one in landed.arrived:
+            self._doubtful.pop(one.index, None)
+            self._arrived.append(one.index)
+        self._doubt(landed.lost)
+
+    def _doubt(self, sent: list[Sent]) -> None:
+        self._doubtful |= {one.index: one for one in sent}
+        while len(self._doubtful) > REMEMBERED:
+            self._doubtful.pop(next(iter(self._doubtful)))
 
     def _window(self) -> int:
         following = self._following()
@@ -261,9 +311,15 @@ class Flight:
         return self._following() is None or len(self._under_way) < min(self._window(), most)
 
     def _due(self) -> float:
-        """Time at which the oldest message under way is given up."""
-        waiting = self._under_way.waiting()
-        return min((one.at_s for one in waiting), default=float("-inf")) + self._path.report_limit_s(waiting)
+        """Time at which the next message under way is given up."""
+        return min((self._due_at(one) for one in self._under_way.waiting()), default=float("inf"))
+
+    def _due_at(self, sent: Sent) -> float:
+        if self._silent:
+            return sent.at_s + self._path.silence_s()
+        overdue = [one for one in self._under_way.unresolved(sent.to) if not self._under_way.is_open(one.index)]
+        ahead = sum(one.size for one in overdue if one.index < sent.index)
+        return sent.at_s + self._path.report_limit_s(sent.size, ahead)
 
 
 class SlowerWarning:

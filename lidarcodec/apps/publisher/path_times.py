@@ -1,10 +1,17 @@
 """PathTimes: times of messages on the path to the followed receiver. They determine how many messages may be under way,
-and the longest wait for a report."""
+and the longest wait for a report.
+
+The wait for a report is the usual time from put to report and twice its mean deviation. (RFC 6298 waits for four of
+them before TCP sends again. Here the next message is due anyway, and one that was not lost is not sent again.) A
+message that is overdue by then may be lost, or wait in a queue of the path. So the next one may take longer by the time
+that the path needs for both.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from lidarcodec.apps.publisher.under_way import Sent
@@ -12,12 +19,11 @@ from lidarcodec.apps.timings import Timings, percentile
 from lidarcodec.ratecontrol.adaptive import Landing
 
 LIMIT_S: Final = 1.0
-"""Longest wait for a report. After it the next message is sent anyway, and the publisher follows another receiver that
-reports."""
-SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
-"""The wait is shorter on a fast path: SOONEST_TIMES its usual time, at least SOONEST_S, once there are KNOWN_REPORTS
-reports. So a lost message or report costs three frames instead of ten. Each further loss in a row doubles the wait. It
-is not shortened for messages that need others, because a busy receiver would lose their references."""
+"""Longest silence of a receiver. After it the next message is sent anyway, and the publisher follows another receiver
+that reports."""
+DEVIATIONS, LEAST_S, KNOWN_REPORTS = 2.0, 0.03, 8
+"""Once there are KNOWN_REPORTS reports, the wait for one is shorter than LIMIT_S: the usual time and DEVIATIONS times
+its mean deviation, at least LEAST_S, which a busy receiver may need."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
 """Longest wait for a report after a change of codec. The receiver may have to start its decoder, which delays the
 report of the second message. Messages sent meanwhile would replace each other at the receiver, although later ones may
@@ -42,7 +48,9 @@ class PathTimes:
         self._took_s: deque[float] = deque(maxlen=REMEMBERED)
         self._landings: deque[Landing] = deque(maxlen=REMEMBERED)
         self._last_free = self._last_landing = float("-inf")
-        self._patient = self._given_up = 0
+        self._patient = 0
+        self._s_per_byte: deque[float] = deque(maxlen=SEND_TIMES)
+        self._sizes: deque[int] = deque(maxlen=SEND_TIMES)
         self.arrive_ms = Timings()
 
     def new_codec(self) -> None:
@@ -52,7 +60,6 @@ class PathTimes:
     def arrived(self, sent: Sent, now: float, rtt_s: float, held_s: float, *, late: bool) -> None:
         """A message was reported. held_s: time the receiver held the report; late: do not use it as a measurement."""
         self._patient = max(self._patient - 1, 0)
-        self._given_up = 0
         self._took_s.append(now - sent.at_s)
         self.arrive_ms.add(1e3 * (now - sent.at_s))
         held_s = min(max(held_s, 0.0), now - sent.at_s)
@@ -61,20 +68,21 @@ class PathTimes:
         self._last_free = max(free, self._last_free)
         if not late:
             self._send_s.append(send_s)
+            if sent.size:
+                self._s_per_byte.append(send_s / sent.size)
+                self._sizes.append(sent.size)
             self._landed(sent, send_s, rtt_s, now)
 
     def gave_up(self, waiting: Sequence[Sent], now: float) -> None:
-        """These messages, oldest first, were not reported in time."""
-        self._given_up += 1
+        """The receiver is silent: these messages, oldest first, were not reported."""
         if waiting:  # all of them were under way as long as the oldest
-            all_of_it = waiting[0]._replace(size=sum(one.size for one in waiting))
+            all_of_it = replace(waiting[0], size=sum(one.size for one in waiting))
             self._landed(all_of_it, now - all_of_it.at_s, 0.0, now, landed=False)
 
     def switched(self) -> None:
         """Another receiver is followed: forget the measurements of the previous path."""
-        for times in (self._send_s, self._took_s, self._landings):
-            times.clear()
-        self._given_up = 0
+        for values in (self._send_s, self._took_s, self._landings, self._s_per_byte, self._sizes):
+            values.clear()
         self._last_free = float("-inf")
 
     def landings(self) -> list[Landing]:
@@ -90,21 +98,24 @@ class PathTimes:
             return 1  # a second one could replace the first in the receiver's ring
         return min(MAX_IN_FLIGHT, 1 + round(rtt_s / send))
 
-    def report_limit_s(self, waiting: Sequence[Sent]) -> float:
-        """Longest wait for a report in seconds: longer on slow paths, shorter on fast ones."""
+    def silence_s(self) -> float:
+        """After so many seconds without a report a receiver counts as silent."""
         usual = percentile(sorted(self._send_s), 0.5) or 0.0
-        limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
-        together = not all(one.alone for one in waiting)  # otherwise a busy receiver would lose one of them
-        if together or self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
-            return limit
-        soon = max(SOONEST_S, SOONEST_TIMES * (percentile(sorted(self._took_s), 0.9) or 0.0))
-        return float(min(limit, soon * 2**self._given_up))
+        return max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
 
-    def is_silence(self, limit_s: float) -> bool:
-        """Whether a receiver counts as silent after this wait. After a shorter wait only a message or report was
-        lost.
+    def report_limit_s(self, size: int, ahead: int = 0) -> float:
+        """Longest wait for the report of a message of `size` bytes, in seconds.
+
+        ahead: bytes of overdue messages, which may still be on the path
         """
-        return limit_s >= self._limit_s
+        silence = self.silence_s()
+        if self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
+            return silence
+        usual = percentile(sorted(self._took_s), 0.5) or 0.0
+        deviation = sum(abs(one - usual) for one in self._took_s) / len(self._took_s)
+        more = max(0, size + ahead - (percentile(sorted(self._sizes), 0.5) or 0))
+        queue_s = more * (percentile(sorted(self._s_per_byte), 0.5) or 0.0)
+        return min(silence, usual + max(DEVIATIONS * deviation, LEAST_S) + queue_s)
 
     def _landed(self, sent: Sent, send_s: float, rtt_s: float, now: float, *, landed: bool = True) -> None:
         since_s = min(now - self._last_landing, LIMIT_S)

@@ -11,6 +11,7 @@ from lidarcodec.apps.publisher.adapting import Adapting
 from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.originals import Originals
+from lidarcodec.apps.publisher.references import References
 from lidarcodec.apps.publisher.source import TICK_S, FrameFeed
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder
@@ -67,6 +68,8 @@ class Sending:
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
         self._refers = False  # whether messages of this codec need earlier ones
+        self._references = References()
+        self._switches = 0
         self.adapting = Adapting(flight)
         self.matching = False
         self.next_index = 0
@@ -131,10 +134,11 @@ class Sending:
         if self._side_outputs.originals is not None:
             self._side_outputs.originals.offer(frame)
         self._coding.choosing.offer(frame)
-        key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
+        asked = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
         start = time.perf_counter()
         try:
             with self._encoding:
+                key = self._in_doubt(chooses=self._choose_reference()) or asked
                 self.next_index = frame.index + 1
                 if key:
                     self._key_wanted.clear()
@@ -162,9 +166,23 @@ class Sending:
         elif self._side_outputs.recorder is not None:
             self._side_outputs.recorder.sent(encoded, settings, messages)
 
-    def _in_doubt(self) -> bool:
-        """Whether the next message would need a given-up message that may not have arrived."""
-        return any(self._refers or message.key for message in self._flight.given_up())
+    def _choose_reference(self) -> bool:
+        """Have the next message refer to a frame that the followed receiver has. False: its codec cannot choose."""
+        references, flight = self._references, self._flight
+        if flight.switches != self._switches:
+            self._switches = flight.switches
+            references.switched()
+        references.arrived(flight.arrivals())
+        return self._encoder.refer_to(None if flight.following is None else references.there())
+
+    def _in_doubt(self, *, chooses: bool) -> bool:
+        """Whether the next message would need one that is lost, or whose report is overdue. chooses: it refers to one
+        that is there, or to the one at which everything began"""
+        begun = self._references.begun
+        return any(
+            sent.key or (self._refers and (sent.index == begun if chooses else sent.index >= begun))
+            for sent in self._flight.given_up()
+        )
 
     def _wait_alone(self) -> None:
         """Wait until no message is under way: two at once could replace each other in the receiver's ring."""
@@ -174,8 +192,8 @@ class Sending:
     def _put(self, sender: Sender, message: Message, data: bytes) -> None:
         index = message.frame_index
         self._refers = self._refers or message.needs is not None
-        alone = message.needs is None
-        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key, alone=alone)
+        self._references.sent(index, message.needs)
+        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key)
         start = time.perf_counter()
         try:
             sender.put(data)

@@ -1,47 +1,61 @@
-"""UnderWay: the recently sent messages, and those whose report is still missing."""
+"""UnderWay: the recently sent messages, and those whose report is still missing.
+
+A message is *open* until it is reported, or overdue. One that is overdue may still arrive; it is known to be lost when
+a later one is reported that says so.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 REMEMBERED: Final = 16
 
 
-class Sent(NamedTuple):
-    """A sent message: its time, size, whether it is a key frame, whether it can be decoded without others, its
-    number of frames, and the followed receiver."""
+@dataclass(frozen=True)
+class Sent:
+    """A sent message: its index, time, size, whether it is a key frame, its number of frames, and the followed
+    receiver."""
 
+    index: int
     at_s: float
     size: int
     key: bool
-    alone: bool
     frames: int
     to: str | None
+
+
+class Landed(NamedTuple):
+    """What a report says of earlier messages: those that arrived too, and those that are lost."""
+
+    arrived: list[Sent]
+    lost: list[Sent]
 
 
 class UnderWay:
     """The last messages. Not thread-safe: `Flight` holds a lock.
 
-    unreported: frames of messages that the followed receiver never reported although it reported a later one. They
+    unreported: frames of messages that the followed receiver did not receive although it reported a later one. They
                 were lost, or replaced by a later one in the receiver's ring
     """
 
     def __init__(self) -> None:
         self._sent: OrderedDict[int, Sent] = OrderedDict()
         self._open: set[int] = set()
-        self._late: set[int] = set()  # given up: no measurement, even if they arrive later
+        self._late: set[int] = set()  # given up after a silence: no measurement, even if they arrive later
         self.unreported = 0
 
     def __len__(self) -> int:
-        """Number of messages without a report yet."""
+        """Number of open messages."""
         return len(self._open)
 
-    def put(self, index: int, sent: Sent) -> list[Sent]:
+    def put(self, sent: Sent) -> list[Sent]:
         """A message is sent. It waits for a report if a receiver is followed. Returns messages that it replaces."""
-        self._sent[index] = sent
+        self._sent[sent.index] = sent
         if sent.to is not None:
-            self._open.add(index)
+            self._open.add(sent.index)
         forgotten = []
         while len(self._sent) > REMEMBERED:
             forgotten.append(self._pop(next(iter(self._sent))))
@@ -55,11 +69,14 @@ class UnderWay:
         """Whether a message was given up, or sent while another receiver was followed."""
         return index in self._late
 
-    def arrived(self, index: int, name: str) -> None:
-        """A message was reported: earlier ones to the same receiver count as unreported."""
+    def arrived(self, index: int, name: str, has: Callable[[int], bool]) -> Landed:
+        """A receiver reported a message. has: whether an earlier one arrived there, by its index"""
         self._pop(index)
-        for one in [one for one in self._sent if one < index]:
-            self.missed(self._pop(one), name)
+        earlier = [self._pop(one) for one in [one for one in self._sent if one < index]]
+        landed = Landed([one for one in earlier if has(one.index)], [one for one in earlier if not has(one.index)])
+        for one in landed.lost:
+            self.missed(one, name)
+        return landed
 
     def missed(self, sent: Sent, by: str | None) -> None:
         """A message is forgotten. by: receiver that reported a later one instead"""
@@ -67,18 +84,25 @@ class UnderWay:
             self.unreported += sent.frames
 
     def waiting(self) -> list[Sent]:
-        """The messages without a report yet, oldest first."""
+        """The open messages, oldest first."""
         return [self._sent[one] for one in sorted(self._open)]
+
+    def unresolved(self, name: str | None) -> list[Sent]:
+        """The messages to a receiver, open or overdue, in the order in which they were sent."""
+        return [one for one in self._sent.values() if one.to is not None and one.to == name]
+
+    def is_open(self, index: int) -> bool:
+        """Whether a message waits for its report."""
+        return index in self._open
+
+    def overdue(self, index: int) -> None:
+        """Stop waiting for a message."""
+        self._open.discard(index)
 
     def give_up(self) -> None:
         """Stop waiting for all of them."""
-        self._late.update(self._open)
-        self._open.clear()
-
-    def switched(self) -> None:
-        """Another receiver is followed: stop waiting, and do not use recent messages as measurements."""
-        self._open.clear()
         self._late.update(self._sent)
+        self._open.clear()
 
     def _pop(self, index: int) -> Sent:
         self._open.discard(index)

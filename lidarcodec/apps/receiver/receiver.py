@@ -240,8 +240,8 @@ class Receiver:
                     return
             try:
                 held_ns = time.monotonic_ns() - came_ns
-                now_ns, checksum = self._clock.wall_ns(), checksum_of(data)
-                arrivals.put(pack_arrival(Arrival(message.frame_index, now_ns, held_ns, checksum)))
+                now_ns, checksum, earlier = self._clock.wall_ns(), checksum_of(data), self.stats.earlier(message)
+                arrivals.put(pack_arrival(Arrival(message.frame_index, now_ns, held_ns, checksum, earlier)))
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)

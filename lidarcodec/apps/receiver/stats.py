@@ -11,7 +11,7 @@ from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
 from lidarcodec.apps.receiver.freshness import OnlyBehind
-from lidarcodec.apps.reports import COUNTED, Report
+from lidarcodec.apps.reports import COUNTED, EARLIER, Report
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -128,6 +128,12 @@ class ReceiverStats:
         """Count another kind of event."""
         with self._lock:
             self.counts[what] += number
+
+    def earlier(self, message: Message) -> int:
+        """Which of the 64 indices before a message's have arrived, as bits: bit k is index - 1 - k."""
+        with self._lock:
+            back = (message.frame_index - 1 - index for index in self._earlier.get(message.stream_id, ()))
+            return sum(1 << one for one in back if 0 <= one < EARLIER)
 
     @property
     def fps(self) -> float | None:
