@@ -6,7 +6,6 @@ import logging
 from itertools import chain
 from pathlib import Path
 
-from lidarcodec.commands.coded_recording import CodedRecording
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
@@ -17,6 +16,7 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError, TargetMissedError
+from lidarcodec.evaluation.coded_recording import CodedRecording
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.ratecontrol.controller import TOLERANCE

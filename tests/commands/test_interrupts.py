@@ -193,7 +193,7 @@ def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path)
     """The second one comes while the first still waits for a frame that never ends."""
     program = (
         "import os, signal, sys, time\n"
-        "from lidarcodec.commands import coded_recording\n"
+        "from lidarcodec.evaluation import coded_recording\n"
         "def slow(self, frame):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    time.sleep(1.1)\n"
@@ -214,7 +214,7 @@ def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path)
 def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: Path) -> None:
     program = (
         "import os, signal\n"
-        "from lidarcodec.commands import coded_recording\n"
+        "from lidarcodec.evaluation import coded_recording\n"
         "close = coded_recording.CodedRecording.close\n"
         "def interrupted(self):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"

@@ -11,8 +11,8 @@ from unittest import mock
 
 import pytest
 
-from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.evaluation.bench import bench
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verify import PacketsByTime
 from tests.command_line import run_here
 from tests.packets import turning

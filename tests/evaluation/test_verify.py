@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lidarcodec.codecs import table
-from lidarcodec.commands.verify import broken_promises, changed_since_the_start
 from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.verdict import broken_promises, changed_since_the_start
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, Promise, promise_of
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of

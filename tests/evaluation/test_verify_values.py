@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcodec.commands.verify import broken_promises
+from lidarcodec.evaluation.verdict import broken_promises
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.packet import Packet

@@ -9,8 +9,8 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE
-from lidarcodec.commands.coded_recording import CodedRecording
-from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.evaluation.coded_recording import CodedRecording
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder, frames_of

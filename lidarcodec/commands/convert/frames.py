@@ -13,7 +13,6 @@ from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands.outputs.base import NO_CLOUD, Output
 from lidarcodec.commands.outputs.table import Form, check_output, contents_of, opened
 from lidarcodec.commands.progress import progress
-from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import Watched, stoppable
@@ -24,6 +23,7 @@ from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
 from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.files.whole import Whole, whole
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of

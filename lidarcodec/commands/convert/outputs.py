@@ -10,8 +10,8 @@ from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.assembly.rotation import RotationWatch
-from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
 from lidarcodec.errors import PacketError, SettingsError
+from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.recording import RecordingWriter, RosbagWriter

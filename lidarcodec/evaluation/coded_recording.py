@@ -5,7 +5,7 @@ Each message is decoded again before it is written, and compared with the origin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import IO
 
 from lidarcodec.evaluation.round_trip import RoundTrip
@@ -32,10 +32,19 @@ class CodedRecording:
     """
 
     def __init__(
-        self, handle: IO[bytes], encoder: StreamEncoder, about: Mapping[str, str], *, clouds: bool = False
+        self,
+        handle: IO[bytes],
+        encoder: StreamEncoder,
+        about: Mapping[str, str],
+        *,
+        clouds: bool = False,
+        vehicle: str = VEHICLE,
+        sensor: str = SENSOR,
+        written: Callable[[bytes, list[Frame]], object] = lambda data, frames: None,
     ) -> None:
-        self._encoder, self.clouds = encoder, clouds
-        self._writer = RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about, clouds=clouds)
+        """written: called after each message with its bytes and the frames decoded from it"""
+        self._encoder, self.clouds, self._written = encoder, clouds, written
+        self._writer = RecordingWriter(handle, vehicle, sensor, encoder.settings, about, clouds=clouds)
         self._check = RoundTrip(encoder.settings)
         self.frames = self.packets = self.positions = self.coded = self.left_out = 0
         self.payload_bytes = 0
@@ -83,6 +92,7 @@ class CodedRecording:
             frames = self._check.message(data := pack(message))
             self._writer.write(data)
             self.coded += len(data)
+            self._written(data, frames)
             self._show(frames)
 
     def _show(self, frames: list[Frame]) -> None:
