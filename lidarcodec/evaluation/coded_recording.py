@@ -40,12 +40,12 @@ class CodedRecording:
         clouds: bool = False,
         vehicle: str = VEHICLE,
         sensor: str = SENSOR,
-        written: Callable[[bytes, list[Frame]], object] = lambda data, frames: None,
+        compared: Callable[[Frame, Frame], object] = lambda sent, decoded: None,
     ) -> None:
-        """written: called after each message with its bytes and the frames decoded from it"""
-        self._encoder, self.clouds, self._written = encoder, clouds, written
+        """compared: called with each frame that was encoded, and as it was decoded again"""
+        self._encoder, self.clouds = encoder, clouds
         self._writer = RecordingWriter(handle, vehicle, sensor, encoder.settings, about, clouds=clouds)
-        self._check = RoundTrip(encoder.settings)
+        self._check = RoundTrip(encoder.settings, compared=compared)
         self.frames = self.packets = self.positions = self.coded = self.left_out = 0
         self.payload_bytes = 0
         self.seconds = 0.0
@@ -92,7 +92,6 @@ class CodedRecording:
             frames = self._check.message(data := pack(message))
             self._writer.write(data)
             self.coded += len(data)
-            self._written(data, frames)
             self._show(frames)
 
     def _show(self, frames: list[Frame]) -> None:

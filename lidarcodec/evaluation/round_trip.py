@@ -11,6 +11,7 @@ before they are relied on.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -43,8 +44,16 @@ class RoundTrip:
     compared: number of compared frames
     """
 
-    def __init__(self, settings: StreamSettings, *, joining: bool = False) -> None:
+    def __init__(
+        self,
+        settings: StreamSettings,
+        *,
+        joining: bool = False,
+        compared: Callable[[Frame, Frame], object] = lambda sent, decoded: None,
+    ) -> None:
+        """compared: called with each pair of frames that agree: as it was sent, as it was decoded"""
         self.settings = settings
+        self._pair = compared
         self.compared = 0
         self._joining = joining
         self._decoder = StreamDecoder()
@@ -101,6 +110,7 @@ class RoundTrip:
         if wrong is not None:
             raise _fault(f"{settings.codec} did not keep frame {came.index}: it was decoded with {wrong}")
         self.compared += 1
+        self._pair(sent, came)
 
     def _named(self) -> str:
         return f"frame {self._sent[0][0].index}" if self._sent else "a message"

@@ -1,0 +1,1 @@
+"""The work of an archive: a file for each kind of task."""

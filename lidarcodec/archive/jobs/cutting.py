@@ -1,0 +1,58 @@
+"""Cuts an input into segments, and keeps that as a plan in the archive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from lidarcodec.archive.jobs.reading import input_of, named, opened
+from lidarcodec.archive.names import json_of
+from lidarcodec.archive.segments import cut
+from lidarcodec.archive.stores.base import Store
+from lidarcodec.errors import SourceError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.settings import settings_from
+from lidarcodec.sources.unkept import unkept
+
+
+def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
+    """Create the plan of an input. value: `input` (fields of Input), `id`, `settings`, `seconds`
+
+    Returns the plan. Raises SourceError and others for an input that cannot be read.
+    """
+    one = input_of(value)
+    with opened(source, one) as packets:
+        framing = settings_from(value["settings"]).framing
+        frames = frames_of(
+            packets.packets(),
+            packets.sensor,
+            framing,
+            packets.counts,
+            current=lambda: packets.sensor,
+        )
+        segments = list(cut(_sizes(frames), value["seconds"]))
+        vehicle, sensor = named(packets, one)
+        lost = [unkept(packets.counts)]
+        lost += ["the input is cut off or damaged"] * bool(
+            packets.counts["truncated"] or packets.counts["damaged"]
+        )
+    if not segments:
+        raise SourceError("it has no frame")
+    plan = {
+        "input": one.identity(),
+        "name": one.name,
+        "vehicle": vehicle,
+        "sensor": sensor,
+        "settings": value["settings"],
+        "segments": [segment.plain() for segment in segments],
+        "not_kept": "; ".join(filter(None, lost)) or None,
+    }
+    target.create(f"plans/{value['id']}-{len(segments)}.json", json_of(plan))
+    return plan
+
+
+def _sizes(frames: Iterator[Frame]) -> Iterator[tuple[int, int]]:
+    for frame in frames:
+        yield frame.stamp_ns, 0 if frame.side is None else frame.side.packets
+

@@ -1,0 +1,87 @@
+"""Names and ids of the objects in an archive.
+
+| name | what |
+|---|---|
+| `plans/INPUT-N.json` | how an input is cut into N segments |
+| `recordings/VEHICLE/SENSOR/SEGMENT-HASH.mcap` | a recording |
+| `frames/VEHICLE/SENSOR/SEGMENT-HASH.parquet` | a row for each of its frames |
+| `commits/VEHICLE/SENSOR/FIRST-LAST-ORIGIN-SEGMENT.json` | makes both visible |
+| `aside/ORIGIN-SEGMENT.json` | an input or a segment that was set aside, with the reason |
+| `verified/SEGMENT-HASH.json` | what the job `verify` found |
+
+INPUT and SEGMENT are hashes of what they are made from, HASH is one of the recording's bytes. A listing of commits
+says which segments exist, when they begin and end, and which input or segment (ORIGIN) they come from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from typing import Any, Final, NamedTuple
+
+from lidarcodec.settings import is_name
+
+FORMAT: Final = 1
+"""Version of the archive's objects. It is part of every id."""
+_ID: Final = 24
+"""Characters of an id: 96 bits."""
+_COMMIT: Final = re.compile(
+    r"commits/(?P<vehicle>[^/]+)/(?P<sensor>[^/]+)/(?P<first>\d{20})-(?P<last>\d{20})-(?P<origin>[0-9a-f]{24})"
+    r"-(?P<segment>[0-9a-f]{24})\.json"
+)
+_PART: Final = re.compile(r"frames/[^/]+/[^/]+/(?P<segment>[0-9a-f]{24})-[0-9a-f]{16}\.parquet")
+_PLAN: Final = re.compile(r"plans/(?P<input>[0-9a-f]{24})-(?P<count>\d+)\.json")
+
+
+def id_of(*parts: Any) -> str:
+    """The id of plain values: equal for equal values, on every machine.
+
+    >>> id_of("a", 1) == id_of("a", 1), len(id_of("a"))
+    (True, 24)
+    """
+    return hashlib.sha256(json_of([FORMAT, *parts])).hexdigest()[:_ID]
+
+
+def json_of(value: Any) -> bytes:
+    """Canonical JSON: equal values give equal bytes."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode()
+
+
+class Commit(NamedTuple):
+    """A segment in the archive, by the name of its commit. first_ns, last_ns: stamps of its first and last frame"""
+
+    vehicle: str
+    sensor: str
+    first_ns: int
+    last_ns: int
+    origin: str
+    segment: str
+
+    @property
+    def name(self) -> str:
+        """Name of the object."""
+        span = f"{max(0, self.first_ns):020}-{max(0, self.last_ns):020}"
+        return f"commits/{self.vehicle}/{self.sensor}/{span}-{self.origin}-{self.segment}.json"
+
+
+def commit_of(name: str) -> Commit | None:
+    """The commit of that name; None for another object."""
+    found = _COMMIT.fullmatch(name)
+    if found is None or not is_name(found["vehicle"]) or not is_name(found["sensor"]):
+        return None
+    return Commit(
+        found["vehicle"], found["sensor"], int(found["first"]), int(found["last"]), found["origin"], found["segment"]
+    )
+
+
+def part_segment(name: str) -> str | None:
+    """The segment of a table of frames; None for another object."""
+    found = _PART.fullmatch(name)
+    return None if found is None else found["segment"]
+
+
+def plan_of(name: str) -> tuple[str, int] | None:
+    """Input and number of segments of a plan; None for another object."""
+    found = _PLAN.fullmatch(name)
+    return None if found is None else (found["input"], int(found["count"]))

@@ -1,0 +1,204 @@
+"""A segment's objects: its recording, its table of frames, and the commit that makes both visible."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from lidarcodec import wire
+from lidarcodec.archive.names import FORMAT, Commit, json_of
+from lidarcodec.archive.stores.base import Store
+from lidarcodec.archive.table import place_of, write_table
+from lidarcodec.codecs import table as codecs
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.coded_recording import CodedRecording
+from lidarcodec.evaluation.metrics import RangeErrors
+from lidarcodec.evaluation.verify import bound_of, promise_of
+from lidarcodec.files.regular import open_regular
+from lidarcodec.frame import Frame
+from lidarcodec.frame_images import payload_bytes
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.layout import MESSAGE_ENCODING
+from lidarcodec.units import RANGE_STEP_M
+from lidarcodec.untrusted.json import read_json
+from lidarcodec.wire.checksum import checksum_of
+
+log = logging.getLogger(__name__)
+
+MAX_COMMIT: Final = 16 << 20
+"""Largest commit that is read, in bytes."""
+
+
+class Place(NamedTuple):
+    """A message in a recording: stamp of its first frame, place of its bytes, whether it is a key message, its number
+    of frames, its checksum."""
+
+    stamp_ns: int
+    offset: int
+    length: int
+    key: bool
+    frames: int
+    checksum: int
+
+
+@dataclass(frozen=True)
+class About:
+    """What is the same for all frames of a segment.
+
+    about: further plain values for the commit, such as the input
+    """
+
+    vehicle: str
+    sensor: str
+    origin: str
+    segment: str
+    about: dict[str, Any]
+
+    @property
+    def stream_id(self) -> int:
+        """The stream id of the segment's messages: the same at every attempt."""
+        return int(self.segment[:16], 16)
+
+
+@dataclass(frozen=True)
+class Product:
+    """Files of a segment, not in the store yet. value: contents of the commit"""
+
+    recording: Path
+    table: Path
+    commit: Commit
+    value: dict[str, Any]
+
+
+class _Rows:
+    """Collects the rows of the table while a recording is written. step_m: range step of the sensor"""
+
+    def __init__(self) -> None:
+        self.rows: dict[int, dict[str, Any]] = {}
+        self.step_m = RANGE_STEP_M
+
+    def compared(self, sent: Frame, decoded: Frame) -> None:
+        """Add a frame: as it was encoded, and as it was decoded again."""
+        self.step_m = decoded.sensor.range_step_m
+        row = place_of(decoded) | {"stamp_ns": decoded.stamp_ns, "frame": decoded.index, "model": decoded.sensor.model}
+        row |= {"packets": 0, "packet_bytes": 0, "error_m": None}
+        if sent.side is not None:
+            row |= {"packets": sent.side.packets, "packet_bytes": payload_bytes(sent)}
+        if not decoded.sensor.is_cloud and sent.range.shape == decoded.range.shape:
+            errors = RangeErrors(range_step_m=self.step_m)
+            errors.add(sent.range * sent.valid, decoded.range)
+            row["error_m"] = errors.max_error_m
+        self.rows[decoded.index] = row
+
+
+def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About, folder: Path) -> Product:
+    """Encode frames into files of a folder. Every message is decoded again and compared.
+
+    Raises SourceError if there is no frame, SettingsError, RoundTripError.
+    """
+    path, rows = folder / "recording.mcap", _Rows()
+    texts = {"segment": about.segment, "source": str(about.about.get("input", ""))}
+    with path.open("wb") as file:
+        coded = CodedRecording(
+            file, encoder, texts, vehicle=about.vehicle, sensor=about.sensor, compared=rows.compared
+        )
+        for frame in frames:
+            coded.write(frame)
+        coded.close()
+    if not coded.frames:
+        raise SourceError("it has no frame")
+    digest = _sha256(path)
+    names = f"{about.vehicle}/{about.sensor}/{about.segment}-{digest[:16]}"
+    fields = {
+        "vehicle": about.vehicle, "sensor": about.sensor, "segment": about.segment, "object": f"recordings/{names}.mcap",
+    }  # fmt: skip
+    places = []
+    for place, index, more in _messages(path, rows.step_m):
+        places.append(place)
+        for number in range(place.frames):
+            if (row := rows.rows.get(index + number)) is not None:
+                row |= {"offset": place.offset, "length": place.length, "bytes": place.length // place.frames,
+                        "key": place.key, "checksum": place.checksum, **more, **fields}  # fmt: skip
+    complete = [row for _, row in sorted(rows.rows.items()) if "offset" in row]
+    stamps = [row["stamp_ns"] for row in complete]
+    table = folder / "frames.parquet"
+    write_table(complete, table)
+    commit = Commit(about.vehicle, about.sensor, min(stamps), max(stamps), about.origin, about.segment)
+    value = about.about | fields | {
+        "format": FORMAT,
+        "origin": about.origin,
+        "table": f"frames/{names}.parquet",
+        "bytes": path.stat().st_size,
+        "sha256": digest,
+        "settings": encoder.settings.model_dump(mode="json"),
+        "frames": len(complete),
+        "packets": coded.packets,
+        "positions": coded.positions,
+        "packet_bytes": coded.payload_bytes,
+        "messages": [[int(value) for value in place] for place in places],
+    }
+    return Product(path, table, commit, value)
+
+
+def publish(store: Store, product: Product) -> bool:
+    """Put a segment into the store. Returns whether it was this product that became visible.
+
+    The commit is created last and only once. A product that lost the race is removed again, unless its objects are those
+    of the winner: equal contents have equal names.
+    """
+    value, ours = product.value, json_of(product.value)
+    store.create(value["object"], product.recording)
+    store.create(value["table"], product.table)
+    if store.create(product.commit.name, ours):
+        return True
+    theirs = read_commit(store, product.commit)
+    for key in ("object", "table"):
+        if theirs[key] != value[key]:
+            store.delete(value[key])
+    return theirs == value
+
+
+def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
+    """The contents of a commit. Raises SourceError if it is damaged, OSError."""
+    try:
+        value = read_json(store.read(commit.name), MAX_COMMIT)
+        places_of(value)
+        if value["format"] != FORMAT or value["segment"] != commit.segment:
+            raise ValueError("another format or segment")
+        for key in ("object", "table", "sha256"):
+            if not isinstance(value[key], str):
+                raise TypeError(key)
+    except (ValueError, KeyError, TypeError) as error:
+        raise SourceError(f"{store.url}: {commit.name} is damaged: {error}") from None
+    return dict(value)
+
+
+def places_of(value: dict[str, Any]) -> list[Place]:
+    """The messages of a commit's recording, in order."""
+    return [Place(*map(int, one[:3]), bool(one[3]), *map(int, one[4:6])) for one in value["messages"]]
+
+
+def _messages(path: Path, step_m: float) -> Iterable[tuple[Place, int, dict[str, Any]]]:
+    """(place, number of the first frame, codec and bound) of each message of a recording."""
+    with open_regular(path) as file:
+        for channel, stored in RecordingReader(file).everything():
+            if channel.encoding != MESSAGE_ENCODING:
+                continue
+            data = stored.data()
+            header, message = wire.peek(data), wire.unpack(data)
+            promise = promise_of(message)
+            bound_m = promise.bound_m
+            if bound_m is None and promise.step is not None:
+                bound_m = bound_of(promise.step, step_m)
+            place = Place(header.stamp_ns, stored.start, stored.length, header.key, header.frame_count, checksum_of(data))
+            yield place, header.frame_index, {"codec": codecs.codec_name(header.codec), "bound_m": bound_m}
+
+
+def _sha256(path: Path) -> str:
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,1 @@
+"""Folders and buckets with one interface."""

@@ -1,0 +1,113 @@
+"""Object storage as a store, through obstore (extra `archive`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from typing import Any, Final
+
+from lidarcodec.archive.stores.base import Entry, Store, check_name
+from lidarcodec.errors import SourceError
+
+_PAGE: Final = 1000
+_RETRIES: Final[Any] = {"max_retries": 10, "retry_timeout": timedelta(seconds=120)}
+"""Of a request that the store refuses for now (errors 500 and 503, cut connections)."""
+
+
+class BucketStore(Store):
+    """Objects below a prefix of a bucket: `s3://BUCKET/PREFIX`, `gs://...`, `az://...`.
+
+    Keys, region and endpoint come from the environment, as for other programs (`AWS_ACCESS_KEY_ID`,
+    `AWS_ENDPOINT_URL`, `GOOGLE_APPLICATION_CREDENTIALS`, `AZURE_STORAGE_ACCOUNT_NAME`, ...).
+    """
+
+    def __init__(self, url: str, store: Any = None) -> None:
+        """store: an obstore store to use instead of one for `url`
+
+        Raises SourceError if the address cannot be used.
+        """
+        import obstore.store
+        from obstore.exceptions import BaseError
+
+        self.url = url
+        try:
+            self._store = store or obstore.store.from_url(url, retry_config=_RETRIES)  # type: ignore[call-overload]
+        except (BaseError, ValueError) as error:
+            raise SourceError(f"{url} cannot be opened: {_told(error)}") from None
+
+    def entries(self, prefix: str = "", after: str = "") -> Iterator[Entry]:
+        import obstore
+
+        with self._errors(prefix):
+            pages = obstore.list(self._store, prefix or None, offset=after or None, chunk_size=_PAGE)
+            for page in pages:
+                for found in sorted(page, key=lambda one: one["path"]):
+                    yield Entry(found["path"], found["size"], (found["e_tag"] or "").strip('"'))
+
+    def read(self, name: str, start: int = 0, length: int | None = None) -> bytes:
+        import obstore
+
+        with self._errors(name):
+            if length is None and not start:
+                return bytes(obstore.get(self._store, check_name(name)).bytes())
+            if length is None:
+                raise ValueError("a range has a length")
+            return bytes(obstore.get_range(self._store, check_name(name), start=start, length=length))
+
+    def create(self, name: str, data: bytes | Path) -> bool:
+        import obstore
+        from obstore.exceptions import AlreadyExistsError
+
+        with self._errors(name):
+            try:
+                obstore.put(self._store, check_name(name), data, mode="create", use_multipart=False)
+            except AlreadyExistsError:
+                return False
+            return True
+
+    def upload(self, name: str, chunks: Iterable[bytes]) -> None:
+        import obstore
+
+        with self._errors(name):
+            obstore.put(self._store, check_name(name), iter(chunks), max_concurrency=1)
+
+    def delete(self, name: str) -> None:
+        import obstore
+
+        with self._errors(name):
+            obstore.delete(self._store, check_name(name))
+
+    def size(self, name: str) -> int | None:
+        import obstore
+
+        try:
+            with self._errors(name):
+                return int(obstore.head(self._store, check_name(name))["size"])
+        except FileNotFoundError:
+            return None
+
+    def download(self, name: str, path: Path) -> None:
+        import obstore
+
+        with self._errors(name), path.open("wb") as file:
+            for chunk in obstore.get(self._store, check_name(name)):
+                file.write(chunk)
+
+    @contextmanager
+    def _errors(self, name: str) -> Iterator[None]:
+        from obstore.exceptions import BaseError
+
+        try:
+            yield
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{self.url}: {name} does not exist") from None
+        except BaseError as error:
+            raise OSError(f"{self.url}: {_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    """The first line of an error of obstore, which adds its source code's own."""
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0][:300]

@@ -1,0 +1,95 @@
+"""The table of frames: a row for each frame of a segment, as Parquet written by DuckDB (extra `archive`).
+
+Equal rows give equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lidarcodec.errors import MissingExtraError
+from lidarcodec.frame import Frame
+
+COLUMNS: Final[Mapping[str, str]] = {
+    "vehicle": "VARCHAR",
+    "sensor": "VARCHAR",
+    "model": "VARCHAR",
+    "time": "TIMESTAMP_NS",
+    "stamp_ns": "BIGINT",
+    "frame": "BIGINT",
+    "points": "INTEGER",
+    "x": "DOUBLE",
+    "y": "DOUBLE",
+    "z": "DOUBLE",
+    "pose": "DOUBLE[]",
+    "min_x": "FLOAT",
+    "min_y": "FLOAT",
+    "min_z": "FLOAT",
+    "max_x": "FLOAT",
+    "max_y": "FLOAT",
+    "max_z": "FLOAT",
+    "packets": "INTEGER",
+    "packet_bytes": "BIGINT",
+    "bytes": "BIGINT",
+    "codec": "VARCHAR",
+    "bound_m": "DOUBLE",
+    "error_m": "DOUBLE",
+    "key": "BOOLEAN",
+    "object": "VARCHAR",
+    "offset": "BIGINT",
+    "length": "BIGINT",
+    "checksum": "UINTEGER",
+    "segment": "VARCHAR",
+}
+"""Columns and their types. docs/guides/archive.md explains them."""
+_SELECT: Final = ", ".join("make_timestamp_ns(stamp_ns) AS time" if name == "time" else f'"{name}"' for name in COLUMNS)
+
+
+def check_extra(what: str = "an archive") -> None:
+    """Raise MissingExtraError if DuckDB is not installed."""
+    if find_spec("duckdb") is None:
+        raise MissingExtraError(what, "archive")
+
+
+def place_of(frame: Frame) -> dict[str, Any]:
+    """Columns of a decoded frame: number of points, bounds of its cloud in metres, pose of the sensor."""
+    cloud = frame.cloud()
+    row: dict[str, Any] = {"points": len(cloud)}
+    for axis in "xyz":
+        values = cloud[axis][np.isfinite(cloud[axis])]
+        row[f"min_{axis}"] = float(values.min()) if len(values) else None
+        row[f"max_{axis}"] = float(values.max()) if len(values) else None
+    pose = None if frame.pose is None else frame.pose[:3]
+    row["pose"] = None if pose is None else [float(value) for value in pose.ravel()]
+    for at, axis in enumerate("xyz"):
+        row[axis] = None if pose is None else float(pose[at, 3])
+    return row
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write rows, each with all columns but `time`, as a Parquet file."""
+    import duckdb
+
+    lines = path.with_suffix(".jsonl")
+    lines.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    types = {name: kind for name, kind in COLUMNS.items() if name != "time"}
+    try:
+        with duckdb.connect(config={"threads": 1}) as connection:
+            connection.execute(
+                f"COPY (SELECT {_SELECT} FROM read_json({_text(lines)}, format = 'newline_delimited', "
+                f"columns = {types})) TO {_text(path)} (FORMAT parquet, COMPRESSION zstd)"
+            )
+    finally:
+        lines.unlink(missing_ok=True)
+
+
+def _text(path: Path) -> str:
+    """A path as a text of SQL."""
+    escaped = str(path).replace("'", "''")
+    return f"'{escaped}'"

@@ -1,0 +1,90 @@
+"""Task: a piece of work that any process can do, and `work`, which does it.
+
+A task is made of plain values, so that every engine can carry it. What it does is visible in the store only by objects
+that are created once; a task that is done twice changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, Final, Literal, cast
+
+from lidarcodec.archive.stores.base import Store
+from lidarcodec.archive.stores.table import open_store
+from lidarcodec.errors import LidarCodecError, MissingExtraError
+
+WORK: Final[dict[str, str]] = {
+    "cut": "lidarcodec.archive.jobs.cutting:cut_input",
+    "compress": "lidarcodec.archive.jobs.compress:compress",
+    "verify": "lidarcodec.archive.jobs.verify:verify",
+    "recompress": "lidarcodec.archive.jobs.recompress:recompress",
+}
+"""Kind of task -> module and function that does it. A function takes the plain values of the task, the store of the
+inputs and the store of the archive, and returns plain values."""
+
+Work = Callable[[dict[str, Any], Store, Store], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Task:
+    """kind: key of WORK;  key: unique among the tasks of a run;  label: for people
+    source, target: what `open_store` takes;  value: plain values for the function
+    """
+
+    kind: str
+    key: str
+    label: str
+    source: str
+    target: str
+    value: dict[str, Any] = field(default_factory=dict)
+
+
+End = Literal["done", "refused", "failed", "killed", "late", "missing"]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A task that ended.
+
+    how: `done`; `refused`: it cannot be done with this input and these settings, again would be no better; `failed`;
+         `killed`: its process died; `late`: it took too long; `missing`: an optional dependency is not installed
+    result: what its function returned;  why: the error
+    """
+
+    task: Task
+    how: End
+    result: dict[str, Any] = field(default_factory=dict)
+    why: str = ""
+
+
+def work(task: Task) -> Ended:
+    """Do a task here. Errors become an Ended."""
+    try:
+        source, target = open_store(task.source), open_store(task.target)
+        return Ended(task, "done", _function(task.kind)(task.value, source, target))
+    except MissingExtraError as error:
+        return Ended(task, "missing", why=str(error))
+    except LidarCodecError as error:
+        return Ended(task, "refused", why=_told(error, task))
+    except Exception as error:  # an engine must not end because of one task
+        return Ended(task, "failed", why=_told(error, task))
+
+
+def _function(kind: str) -> Work:
+    module, _, name = WORK[kind].partition(":")
+    return cast(Work, getattr(import_module(module), name))
+
+
+def _told(error: Exception, task: Task) -> str:
+    """The error in a line, without names of local files: they differ between machines."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    name = str(task.value.get("name", "")).rstrip("/")
+    words = []
+    for word in text.split(" "):
+        bare = word.strip("'\":,()")
+        local = bare.startswith("/") and name and bare.rpartition("/")[2] == name.rpartition("/")[2]
+        words.append(word.replace(bare, name) if local else word)
+    kind = "" if isinstance(error, LidarCodecError | OSError) else f"{type(error).__name__}: "
+    return (kind + " ".join(words))[:1000]
