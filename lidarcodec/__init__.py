@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from lidarcodec.apps.publisher.publisher import Publisher
     from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
     from lidarcodec.apps.recorder import Record
+    from lidarcodec.archive.archive import Archive, open_archive
     from lidarcodec.assembly import packets_of
     from lidarcodec.commands.outputs.writing import write_frames
     from lidarcodec.commands.verify import verify
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __version__ = "1.0.0"
 
 _HOME = {
+    "Archive": "archive.archive",
     "Endpoints": "transport",
     "Frame": "frame",
     "LiveStream": "apps.receiver.live_stream",
@@ -44,6 +46,7 @@ _HOME = {
     "decode": "api",
     "encode": "api",
     "filled": "filling",
+    "open_archive": "archive.archive",
     "open_source": "sources",
     "pack": "wire",
     "packets_of": "assembly",
@@ -56,6 +59,7 @@ _HOME = {
 """Where each public name lives; it is imported on first use, so that `import lidarcodec` costs nothing."""
 
 __all__ = [
+    "Archive",
     "Endpoints",
     "Frame",
     "LidarCodecError",
@@ -74,6 +78,7 @@ __all__ = [
     "decode",
     "encode",
     "filled",
+    "open_archive",
     "open_source",
     "pack",
     "packets_of",

@@ -13,6 +13,7 @@ import typer
 from typer import Option
 
 from lidarcodec.commands import bridge, token
+from lidarcodec.commands.archive import command as archive
 from lidarcodec.commands.convert.command import convert
 from lidarcodec.commands.cut.command import cut
 from lidarcodec.commands.evaluate import command as evaluate
@@ -38,6 +39,7 @@ app.add_typer(token.app, name="token")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(train.app, name="train")
 app.add_typer(bridge.app, name="bridge")
+app.add_typer(archive.app, name="archive")
 
 
 @app.callback()

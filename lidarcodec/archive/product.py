@@ -104,9 +104,7 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
     path, rows = folder / "recording.mcap", _Rows()
     texts = {"segment": about.segment, "source": str(about.about.get("input", ""))}
     with path.open("wb") as file:
-        coded = CodedRecording(
-            file, encoder, texts, vehicle=about.vehicle, sensor=about.sensor, compared=rows.compared
-        )
+        coded = CodedRecording(file, encoder, texts, vehicle=about.vehicle, sensor=about.sensor, compared=rows.compared)
         for frame in frames:
             coded.write(frame)
         coded.close()
@@ -129,19 +127,23 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
     table = folder / "frames.parquet"
     write_table(complete, table)
     commit = Commit(about.vehicle, about.sensor, min(stamps), max(stamps), about.origin, about.segment)
-    value = about.about | fields | {
-        "format": FORMAT,
-        "origin": about.origin,
-        "table": f"frames/{names}.parquet",
-        "bytes": path.stat().st_size,
-        "sha256": digest,
-        "settings": encoder.settings.model_dump(mode="json"),
-        "frames": len(complete),
-        "packets": coded.packets,
-        "positions": coded.positions,
-        "packet_bytes": coded.payload_bytes,
-        "messages": [[int(value) for value in place] for place in places],
-    }
+    value = (
+        about.about
+        | fields
+        | {
+            "format": FORMAT,
+            "origin": about.origin,
+            "table": f"frames/{names}.parquet",
+            "bytes": path.stat().st_size,
+            "sha256": digest,
+            "settings": encoder.settings.model_dump(mode="json"),
+            "frames": len(complete),
+            "packets": coded.packets,
+            "positions": coded.positions,
+            "packet_bytes": coded.payload_bytes,
+            "messages": [[int(value) for value in place] for place in places],
+        }
+    )
     return Product(path, table, commit, value)
 
 
@@ -195,7 +197,9 @@ def _messages(path: Path, step_m: float) -> Iterable[tuple[Place, int, dict[str,
             bound_m = promise.bound_m
             if bound_m is None and promise.step is not None:
                 bound_m = bound_of(promise.step, step_m)
-            place = Place(header.stamp_ns, stored.start, stored.length, header.key, header.frame_count, checksum_of(data))
+            place = Place(
+                header.stamp_ns, stored.start, stored.length, header.key, header.frame_count, checksum_of(data)
+            )
             yield place, header.frame_index, {"codec": codecs.codec_name(header.codec), "bound_m": bound_m}
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import tempfile
+import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +21,15 @@ from lidarcodec.archive.stores.base import Store, check_name
 
 KEPT: Final = 2
 """Downloaded inputs that a process keeps."""
-_kept: OrderedDict[tuple[str, str], Path] = OrderedDict()
+_here = threading.local()
+"""Holds `kept`, a mapping for each thread: threads of a worker must not remove each other's files."""
+
+
+def _kept_here() -> OrderedDict[tuple[str, str], Path]:
+    if not hasattr(_here, "kept"):
+        _here.kept = OrderedDict()
+    kept: OrderedDict[tuple[str, str], Path] = _here.kept
+    return kept
 
 
 @contextmanager
@@ -38,12 +47,12 @@ def local(store: Store, one: Input) -> Path:
     here = store.file(one.name.rstrip("/"))
     if here is not None:
         return here
-    key = (store.url, one.id())
-    if key in _kept and _kept[key].exists():
-        _kept.move_to_end(key)
-        return _kept[key]
-    while len(_kept) >= KEPT:
-        _, oldest = _kept.popitem(last=False)
+    key, kept = (store.url, one.id()), _kept_here()
+    if key in kept and kept[key].exists():
+        kept.move_to_end(key)
+        return kept[key]
+    while len(kept) >= KEPT:
+        _, oldest = kept.popitem(last=False)
         shutil.rmtree(oldest.parent, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix="lidarcodec-archive-"))
     try:
@@ -59,13 +68,14 @@ def local(store: Store, one: Input) -> Path:
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    _kept[key] = path
+    kept[key] = path
     return path
 
 
 def forget() -> None:
     """Remove the downloaded inputs of this process."""
-    while _kept:
-        _, path = _kept.popitem()
+    kept = _kept_here()
+    while kept:
+        _, path = kept.popitem()
         with contextlib.suppress(OSError):
             shutil.rmtree(path.parent)

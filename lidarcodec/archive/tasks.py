@@ -41,7 +41,7 @@ class Task:
     value: dict[str, Any] = field(default_factory=dict)
 
 
-End = Literal["done", "refused", "failed", "killed", "late", "missing"]
+End = Literal["done", "refused", "failed", "store", "killed", "late", "missing"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Ended:
     """A task that ended.
 
     how: `done`; `refused`: it cannot be done with this input and these settings, again would be no better; `failed`;
-         `killed`: its process died; `late`: it took too long; `missing`: an optional dependency is not installed
+         `store`: a store, the disk or the memory failed; `killed`: its process died; `late`: it took too long; `missing`: an optional dependency is not installed
     result: what its function returned;  why: the error
     """
 
@@ -68,6 +68,8 @@ def work(task: Task) -> Ended:
         return Ended(task, "missing", why=str(error))
     except LidarCodecError as error:
         return Ended(task, "refused", why=_told(error, task))
+    except (OSError, MemoryError) as error:
+        return Ended(task, "store", why=_told(error, task))
     except Exception as error:  # an engine must not end because of one task
         return Ended(task, "failed", why=_told(error, task))
 

@@ -243,7 +243,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         for path, size in files:
             if total + needed <= self.max_total_bytes:
                 return
-            if self.stays(path) or _is_written(path):
+            if self.stays(path) or is_written(path):
                 continue
             path.unlink(missing_ok=True)
             total -= size
@@ -290,7 +290,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         """End the current file as it is, and delete the oldest one that may go. Returns whether there was one."""
         with contextlib.suppress(OSError, MemoryError):
             self._end()
-        gone = next((path for path in self.files() if not self.stays(path) and not _is_written(path)), None)
+        gone = next((path for path in self.files() if not self.stays(path) and not is_written(path)), None)
         if gone is None:
             return False
         gone.unlink(missing_ok=True)
@@ -376,7 +376,7 @@ def _thrown_away(file: IO[bytes], path: Path) -> None:
     path.unlink(missing_ok=True)
 
 
-def _is_written(path: Path) -> bool:
+def is_written(path: Path) -> bool:
     """Whether another recorder holds the lock of a file that it is writing."""
     try:
         with open_regular(path) as file:

@@ -25,7 +25,9 @@ def compress(value: dict[str, Any], source: Store, target: Store) -> dict[str, A
     about = {
         "job": "compress",
         "input": one.name,
+        "input_size": one.size,
         "input_tag": one.tag,
+        "beside": [list(entry) for entry in one.beside],
         "range": segment.plain(),
         "not_kept": value["not_kept"],
     }

@@ -34,9 +34,7 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
         segments = list(cut(_sizes(frames), value["seconds"]))
         vehicle, sensor = named(packets, one)
         lost = [unkept(packets.counts)]
-        lost += ["the input is cut off or damaged"] * bool(
-            packets.counts["truncated"] or packets.counts["damaged"]
-        )
+        lost += ["the input is cut off or damaged"] * bool(packets.counts["truncated"] or packets.counts["damaged"])
     if not segments:
         raise SourceError("it has no frame")
     plan = {
@@ -55,4 +53,3 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
 def _sizes(frames: Iterator[Frame]) -> Iterator[tuple[int, int]]:
     for frame in frames:
         yield frame.stamp_ns, 0 if frame.side is None else frame.side.packets
-

@@ -1,0 +1,72 @@
+"""The engine for a cluster: a Dask scheduler that runs already (extra `cluster`)."""
+
+from __future__ import annotations
+
+import time
+from queue import Empty, SimpleQueue
+from typing import Any, Final
+
+from lidarcodec.archive.tasks import Ended, Task, work
+from lidarcodec.errors import SourceError
+
+_AHEAD: Final = 2
+"""Tasks a thread of the cluster that are handed out, so that no thread waits for the next one."""
+_CONNECT_S: Final = 10.0
+
+
+class DaskEngine:
+    """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. A task that a worker took with it when it died
+    is run again by Dask itself, on another worker.
+
+    timeout_s: a task that takes longer is given up; Dask cannot interrupt it
+    """
+
+    def __init__(self, address: str, timeout_s: float) -> None:
+        """Raises SourceError if no scheduler answers there, or it has no worker."""
+        from distributed import Client
+
+        try:
+            self._client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)
+            self._client.wait_for_workers(1, timeout=_CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None
+        self.slots = _AHEAD * max(1, sum(self._client.nthreads().values()))
+        self._timeout_s = timeout_s
+        self._done: SimpleQueue[Any] = SimpleQueue()
+        self._running: dict[Any, tuple[Task, float]] = {}
+
+    def submit(self, task: Task) -> None:
+        future = self._client.submit(work, task, pure=False, retries=0)
+        self._running[future] = task, time.monotonic()
+        future.add_done_callback(self._done.put)
+
+    def ended(self, wait_s: float) -> list[Ended]:
+        found = []
+        try:
+            future = self._done.get(timeout=wait_s) if self._running else None
+            while future is not None:
+                if future in self._running:
+                    found.append(self._end(future))
+                future = self._done.get_nowait()
+        except Empty:
+            pass
+        for future, (task, begun_s) in list(self._running.items()):
+            if time.monotonic() - begun_s > self._timeout_s:
+                del self._running[future]
+                future.cancel()
+                found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
+        return found
+
+    def _end(self, future: Any) -> Ended:
+        task, _ = self._running.pop(future)
+        error = future.exception() if future.status in ("error", "lost") else None
+        if error is None and future.status == "finished":
+            ended = future.result()
+            return Ended(task, ended.how, ended.result, ended.why)
+        return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
+
+    def close(self) -> None:
+        for future in self._running:
+            future.cancel()
+        self._running.clear()
+        self._client.close()

@@ -1,0 +1,39 @@
+"""The table of engines."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from typing import Final
+
+from lidarcodec.archive.engines.base import Engine
+from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
+
+ENGINES: Final = ("processes", "dask")
+
+
+def check_engine(name: str, scheduler: str | None) -> None:
+    """Raise UnknownNameError, SettingsError or MissingExtraError for an engine that cannot be made."""
+    if name not in ENGINES:
+        raise UnknownNameError("engine", name, ENGINES)
+    if name == "dask" and scheduler is None:
+        raise SettingsError("--workers dask needs --scheduler ADDRESS, such as tcp://10.0.0.5:8786", "scheduler")
+    if name == "processes" and scheduler is not None:
+        raise SettingsError("--scheduler is only for --workers dask", "scheduler")
+    if name == "dask" and find_spec("distributed") is None:
+        raise MissingExtraError("--workers dask", "cluster")
+
+
+def make_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float) -> Engine:
+    """An engine. count: worker processes, by default one for each processor;  timeout_s: of a task
+
+    Raises as `check_engine`, and SourceError if no cluster answers.
+    """
+    check_engine(name, scheduler)
+    if name == "dask":
+        from lidarcodec.archive.engines.dask import DaskEngine
+
+        return DaskEngine(str(scheduler), timeout_s)
+    from lidarcodec.archive.engines.processes import ProcessEngine
+
+    return ProcessEngine(count or len(os.sched_getaffinity(0)), timeout_s)

@@ -1,0 +1,67 @@
+"""The job `recompress`: encodes a recording of the archive with other settings.
+
+The new segment replaces the old one in one step, by its commit. What the old one's error bound lost stays lost.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import chain
+from typing import Any
+
+from lidarcodec.archive.names import Commit, id_of
+from lidarcodec.archive.product import About, publish, read_commit, write_product
+from lidarcodec.archive.scratch import scratch_folder
+from lidarcodec.archive.stores.base import Store
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.settings import settings_from
+from lidarcodec.wire.header import MAJOR, MINOR
+
+
+def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
+    """Encode a segment again. value: `commit` (fields of Commit), `settings`, `delete_old`, `dry`
+
+    With `dry` nothing is written. With `delete_old` the old recording and its table are deleted after the new
+    recording was read back from the store. A segment that has these settings already is left as it is.
+    """
+    del source
+    commit = Commit(*value["commit"])
+    found = read_commit(target, commit)
+    if found["settings"] == value["settings"]:
+        return {"unchanged": 1}
+    if value["dry"]:
+        return {"to recompress": 1, "bytes": found["bytes"], "frames": found["frames"]}
+    segment = id_of("recompress", commit.segment, found["sha256"], value["settings"], [MAJOR, MINOR])
+    about = {"job": "recompress", "input": found["object"], "not_kept": found["not_kept"]}
+    known = About(commit.vehicle, commit.sensor, commit.segment, segment, about)
+    encoder = StreamEncoder(settings_from(value["settings"]), known.stream_id)
+    with scratch_folder() as folder:
+        old = folder / "old.mcap"
+        target.download(found["object"], old)
+        frames = RecordedFrames(old)
+        pictures = iter(frames)
+        first = next(pictures, None)
+        if first is None:
+            raise SourceError(f"{found['object']} has no frame that can be decoded")
+        encoder.prepare(first.sensor)
+        product = write_product(chain((first,), pictures), encoder, known, folder)
+        if product.value["frames"] != found["frames"]:
+            raise SourceError(f"{found['object']} has lost frames: it was left as it is")
+        won = publish(target, product)
+    if value["delete_old"]:
+        _delete(found, read_commit(target, product.commit), target)
+    return {"won": won, "frames": found["frames"], "bytes": product.value["bytes"], "bytes before": found["bytes"]}
+
+
+def _delete(old: dict[str, Any], new: dict[str, Any], store: Store) -> None:
+    """Delete the old recording and its table, after the new ones were read back. The old commit stays: it says that its
+    input was done."""
+    digest = hashlib.sha256()
+    for chunk in store.chunks(new["object"]):
+        digest.update(chunk)
+    if digest.hexdigest() != new["sha256"] or store.size(new["table"]) is None:
+        raise SourceError(f"{new['object']} in the store is not what was written: {old['object']} was kept")
+    store.delete(old["table"])
+    store.delete(old["object"])

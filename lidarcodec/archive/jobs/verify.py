@@ -1,0 +1,70 @@
+"""The job `verify`: reads a segment's recording from the archive and compares it with the input it was made from."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.archive.inputs import Input
+from lidarcodec.archive.jobs.reading import opened
+from lidarcodec.archive.names import Commit, json_of
+from lidarcodec.archive.product import read_commit
+from lidarcodec.archive.scratch import scratch_folder
+from lidarcodec.archive.segments import Segment, packets_in
+from lidarcodec.archive.stores.base import Entry, Store
+from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.evaluation.verdict import broken_promises, missing_parts
+from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
+
+
+def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
+    """Compare a segment, and keep the result as `verified/SEGMENT.json`. value: `commit` (fields of Commit)
+
+    If the input is not there any more, only checksum and decoding are checked; `compared` is 0 then.
+    """
+    commit = Commit(*value["commit"])
+    found = read_commit(target, commit)
+    with scratch_folder() as folder:
+        path = folder / "recording.mcap"
+        target.download(found["object"], path)
+        result = _compared(path, found, source)
+    result |= {"segment": commit.segment, "object": found["object"]}
+    target.create(f"verified/{commit.segment}.json", json_of(result))
+    return result
+
+
+def _compared(path: Path, found: dict[str, Any], source: Store) -> dict[str, Any]:
+    with path.open("rb") as file:
+        whole = hashlib.file_digest(file, "sha256").hexdigest() == found["sha256"]
+    broken = [] if whole else ["the checksum of the recording is not that of its commit"]
+    recorded, comparison = RecordedFrames(path), Comparison()
+    one = _input(found, source)
+    if one is None:
+        frames = sum(1 for _ in recorded)
+    else:
+        with opened(source, one) as packets:
+            given = PacketsByTime(packets_in(packets.packets(), Segment.of(found["range"])))
+            for frame in recorded:
+                message = recorded.message
+                comparison.add(frame, given, None if message is None else promise_of(message))
+            comparison.finish(given)
+            coverage = given.coverage()
+        frames = comparison.frames
+        if coverage is not None and not coverage.whole:
+            broken.append(f"{coverage.source_packets - coverage.packets} packets of the input are missing")
+        broken += broken_promises(recorded.settings(), comparison)
+    if frames != found["frames"]:
+        broken.append(f"it has {frames} frames, and should have {found['frames']}")
+    broken += missing_parts(recorded)
+    return {"frames": frames, "compared": int(one is not None), "broken": broken}
+
+
+def _input(found: dict[str, Any], source: Store) -> Input | None:
+    """The input of a segment; None if it is not there any more, or the segment was made from another recording."""
+    if found.get("job") != "compress":
+        return None
+    beside = tuple(Entry(*one) for one in found["beside"])
+    one = Input(found["input"], found["input_size"], found["input_tag"], found["vehicle"], found["sensor"], beside)
+    names = [entry.name for entry in beside] if one.name.endswith("/") else [one.name]
+    return one if all(source.size(name) is not None for name in names) else None

@@ -1,0 +1,39 @@
+"""Objects of a store as files of fsspec, so that DuckDB reads them."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+from fsspec import AbstractFileSystem
+
+from lidarcodec.archive.stores.base import Store
+
+
+class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
+    """Files `archive://NAME`. A table of frames is small: it is read whole, in one request."""
+
+    protocol = "archive"
+    cachable = False
+
+    def __init__(self, store: Store) -> None:
+        super().__init__()
+        self._store = store
+
+    def _open(self, path: str, mode: str = "rb", **options: Any) -> io.BytesIO:
+        del mode, options
+        return io.BytesIO(self._store.read(self._strip_protocol(path)))
+
+    def info(self, path: str, **options: Any) -> dict[str, Any]:
+        """Name, size and kind of a file."""
+        del options
+        name = self._strip_protocol(path)
+        size = self._store.size(name)
+        if size is None:
+            raise FileNotFoundError(path)
+        return {"name": name, "size": size, "type": "file"}
+
+    def glob(self, path: str, **options: Any) -> list[str]:
+        """The path itself: names of tables are known."""
+        del options
+        return [str(self._strip_protocol(path))]

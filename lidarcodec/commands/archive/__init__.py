@@ -1,0 +1,1 @@
+"""`lidarcodec archive`: recordings of a fleet in a folder or in object storage."""

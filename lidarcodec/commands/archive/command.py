@@ -1,0 +1,144 @@
+"""The options of `lidarcodec archive`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from lidarcodec.commands.running.ending import FAILED
+from lidarcodec.commands.signatures.common import AsJson, CodecName, Force, Pairs
+
+app = typer.Typer(
+    help="Compress, find and fetch recordings of a fleet, in a folder or in object storage (s3:// gs:// az://).",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+ArchiveName = Annotated[
+    str, typer.Argument(metavar="ARCHIVE", show_default=False, help="A folder, or s3://BUCKET/PREFIX, gs://, az://.")
+]
+
+
+@app.command()
+def run(
+    source: Annotated[
+        str, typer.Argument(metavar="IN", show_default=False, help="Folder or bucket with captures, recordings, bags.")
+    ],
+    archive: Annotated[str, typer.Argument(metavar="OUT", show_default=False, help="The archive: folder or bucket.")],
+    job: Annotated[
+        str, Option("--job", metavar="NAME", help="What to do: compress, verify or recompress.")
+    ] = "compress",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    seconds: Annotated[float, Option("--seconds", min=1.0, max=600.0, metavar="S", help="Length of a segment.")] = 40.0,
+    workers: Annotated[
+        str, Option("--workers", metavar="processes|dask", help="Who does the work: processes here, or a Dask cluster.")
+    ] = "processes",
+    processes: Annotated[
+        int | None,
+        Option(
+            "--processes", min=1, max=256, metavar="N", help="Number of processes. Default: one for each processor."
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None, Option("--scheduler", metavar="ADDRESS", help="Scheduler of the Dask cluster: tcp/HOST:PORT.")
+    ] = None,
+    timeout: Annotated[
+        float, Option("--timeout", min=1.0, metavar="S", help="A task that takes longer is ended and tried again.")
+    ] = 1800.0,
+    before: Annotated[
+        str | None, Option("--before", metavar="TIME", help="Only segments that ended before this time (recompress).")
+    ] = None,
+    delete_old: Annotated[
+        bool,
+        Option(
+            "--delete-old", help="Delete recordings that were replaced, once the new ones are verified (recompress)."
+        ),
+    ] = False,
+    dry_run: Annotated[bool, Option("--dry-run", help="Only say what would be done.")] = False,
+    repair: Annotated[
+        bool,
+        Option(
+            "--repair",
+            help="First remove what was never finished, and try again what was set aside. No other run may be active.",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Bring everything of IN into the archive OUT. Run it again after an interruption: it continues."""
+    from lidarcodec.commands.archive import run as command
+
+    wanted = command.Wanted(
+        job, codec, pairs or [], seconds, workers, processes, scheduler, timeout, before, delete_old, dry_run, repair
+    )
+    if not command.run(source, archive, wanted, as_json):
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def query(
+    archive: ArchiveName,
+    sql: Annotated[
+        str,
+        typer.Argument(metavar="SQL", show_default=False, help="A query over the table `frames`."),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Ask the index of an archive, such as "select vehicle, count(*) from frames group by vehicle"."""
+    from lidarcodec.commands.archive import query as command
+
+    command.run(archive, sql, as_json)
+
+
+@app.command()
+def get(
+    archive: ArchiveName,
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            show_default=False,
+            help="Packets (.pcap), a recording (.mcap), clouds (.ply .las .npz), or a folder of KITTI .bin files.",
+        ),
+    ],
+    vehicle: Annotated[str | None, Option("--vehicle", metavar="NAME", help="Only this vehicle.")] = None,
+    sensor: Annotated[str | None, Option("--sensor", metavar="NAME", help="Only this sensor.")] = None,
+    first: Annotated[
+        str | None, Option("--from", metavar="TIME", help="First time, such as 2026-11-26T12:00:00Z.")
+    ] = None,
+    last: Annotated[str | None, Option("--to", metavar="TIME", help="Last time.")] = None,
+    where: Annotated[
+        str | None, Option("--where", metavar="SQL", help="A condition on the table `frames` instead.")
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch frames from an archive. Only the bytes that hold them are read."""
+    from lidarcodec.commands.archive import get as command
+
+    command.run(archive, out, command.Which(vehicle, sensor, first, last, where), force, as_json)
+
+
+@app.command()
+def push(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", show_default=False, help="Folder of `publish --record` or `subscribe`.")
+    ],
+    store: Annotated[
+        str, typer.Argument(metavar="STORE", show_default=False, help="A folder or bucket: the IN of `archive run`.")
+    ],
+    limit: Annotated[
+        float | None, Option("--limit", min=0.01, metavar="MBIT", help="Upload at most so many Mbit/s.")
+    ] = None,
+    delete: Annotated[
+        bool, Option("--delete", help="Delete each recording here once the store has given back the same bytes.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Upload the recordings of a vehicle. Run it again after an interruption: it continues."""
+    from lidarcodec.commands.archive import push as command
+
+    command.run(folder, store, limit, delete, as_json)

@@ -1,0 +1,123 @@
+"""`lidarcodec archive get`: frames of an archive as packets, as a recording, or as clouds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lidarcodec.archive.archive import Archive, Coded, time_ns
+from lidarcodec.archive.names import Commit
+from lidarcodec.archive.table import check_extra
+from lidarcodec.commands.outputs import check_output, contents_of, open_output
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.whole import Whole, check_free, whole
+from lidarcodec.recording import RecordingWriter
+
+RECORDING = ".mcap"
+LATEST_NS = (1 << 63) - 1
+
+
+Stopped = Callable[[], bool]
+Tick = Callable[[], None]
+
+
+class Which(NamedTuple):
+    """Which frames: options of the command."""
+
+    vehicle: str | None
+    sensor: str | None
+    first: str | None
+    last: str | None
+    where: str | None
+
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `Archive.frames`. Raises SettingsError."""
+        between = None
+        if self.first is not None or self.last is not None:
+            first = 0 if self.first is None else time_ns(self.first)
+            between = first, LATEST_NS if self.last is None else time_ns(self.last)
+        return {"vehicle": self.vehicle, "sensor": self.sensor, "between": between, "where": self.where}
+
+
+def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> None:
+    """Fetch, decode and write. OUT appears when it is complete. Raises SourceError if there is no such frame."""
+    arguments = which.arguments()
+    if which.where is not None:
+        check_extra("--where")
+    is_recording = out.suffix.lower() == RECORDING
+    if is_recording:
+        check_free(out, force=force)
+    else:
+        check_output(out, force=force)
+    opened = Archive(archive)
+    with (
+        stoppable() as stopped,
+        progress("fetching") as tick,
+        whole(out, force=force, contents=None if is_recording else contents_of(out)) as output,
+    ):
+        write = _recording if is_recording else _frames
+        frames, cut = write(opened, arguments, out, output, stopped, tick)
+        if cut:
+            raise StoppedError(f"stopped: {out} was not written")
+    print(json.dumps({"out": str(output.kept), "frames": frames}) if as_json else f"{output.kept}: {frames} frames")
+
+
+def _frames(
+    opened: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
+) -> tuple[int, bool]:
+    """Write decoded frames. Returns their number, and whether a signal ended it."""
+    watched = Watched(opened.decoded(**arguments), stopped)
+    found = iter(watched)
+    first = _first(found)
+    writer, count = open_output(out, output.beside), 0
+    try:
+        for commit, frame in chain((first,), found):
+            _same_stream(first[0], commit)
+            writer.write(frame)
+            count += 1
+            tick()
+    except BaseException:
+        with suppress(Exception):
+            writer.close()
+        raise
+    writer.close()
+    return count, watched.cut
+
+
+def _recording(
+    opened: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
+) -> tuple[int, bool]:
+    """The messages as they are, with those before them that decoding needs."""
+    del out
+    watched: Watched[Coded] = Watched(opened.messages(**arguments), stopped)
+    found = iter(watched)
+    first, count = _first(found), 0
+    with output.beside.open("wb") as file:
+        with RecordingWriter(file, first.commit.vehicle, first.commit.sensor) as writer:
+            for one in chain((first,), found):
+                _same_stream(first.commit, one.commit)
+                writer.write(one.data)
+                count += one.place.frames
+                tick()
+    return count, watched.cut
+
+
+def _first(found: Iterator[Any]) -> Any:
+    first = next(found, None)
+    if first is None:
+        raise SourceError("the archive has no such frame: nothing was written")
+    return first
+
+
+def _same_stream(one: Commit, other: Commit) -> None:
+    if one[:2] != other[:2]:
+        raise SettingsError(
+            f"there are frames of {one.vehicle}/{one.sensor} and of {other.vehicle}/{other.sensor}: choose one with "
+            "--vehicle and --sensor"
+        )

@@ -1,0 +1,27 @@
+"""`lidarcodec archive push`: uploads the recordings of a vehicle."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from lidarcodec.archive.push import Rate, push
+from lidarcodec.archive.stores.table import open_store
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.stopping import StoppedError, stoppable
+from lidarcodec.errors import SourceError
+
+
+def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_json: bool) -> None:
+    """Upload all recordings that are complete, and print what was done."""
+    if not folder.is_dir():
+        raise SourceError(f"{folder} is no folder")
+    store = open_store(where)
+    rate = Rate(None if limit_mbit is None else limit_mbit * 1e6 / 8)
+    with stoppable() as stopped, progress("uploading") as tick:
+        counts = push(folder, store, rate=rate, delete=delete, stopped=stopped, tick=tick)
+    if counts.pop("interrupted", 0):
+        raise StoppedError("stopped: run the same command again to continue")
+    result = {name.replace(" ", "_"): number for name, number in counts.items()}
+    text = ", ".join(f"{number:,} {name}" for name, number in counts.items()) or "no recordings"
+    print(json.dumps(result, indent=2) if as_json else text)
