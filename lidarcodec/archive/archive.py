@@ -6,7 +6,7 @@ A frame takes three requests: a listing of commits near its time, its commit, an
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -108,7 +108,7 @@ class Archive:
             offsets = wanted.get(commit.segment)
             if offsets is not None:
                 places = places_of(value := read_commit(self.store, commit))
-                yield from self._read(commit, value["object"], places, lambda place, at=offsets: place.offset in at)
+                yield from self._read(commit, value["object"], places, _at(offsets))
 
     def _read(
         self, commit: Commit, name: str, places: Sequence[Place], wanted: Callable[[Place], bool]
@@ -168,6 +168,10 @@ def _inside(frame: Frame, limits: tuple[int, int] | None) -> bool:
     return limits is None or limits[0] <= frame.stamp_ns <= limits[1]
 
 
+def _at(offsets: set[int]) -> Callable[[Place], bool]:
+    return lambda place: place.offset in offsets
+
+
 def _by_time(places: Sequence[Place], limits: tuple[int, int] | None) -> Callable[[Place], bool]:
     """Whether a message may hold frames of a time. A message of several frames reaches to the next one."""
     if limits is None:
@@ -179,18 +183,22 @@ def _by_time(places: Sequence[Place], limits: tuple[int, int] | None) -> Callabl
     return lambda place: place.stamp_ns <= limits[1] and ends[place.offset] >= limits[0]
 
 
-def _needed(places: Iterable[Place], wanted: Callable[[Place], bool]) -> list[tuple[Place, bool]]:
-    """Messages to read, each with whether it is wanted itself."""
-    found: list[tuple[Place, bool]] = []
-    since: list[Place] = []
-    for place in places:
-        if place.key:
-            since = []
-        since.append(place)
-        if wanted(place):
-            found += [(one, one is place) for one in since]
-            since = []
-    return found
+def _needed(places: Sequence[Place], wanted: Callable[[Place], bool]) -> list[tuple[Place, bool]]:
+    """Messages to read, each with whether it is wanted itself. A message needs the key message before it, and those
+    that it refers to, directly or not."""
+    numbers = {place.frame + more: at for at, place in enumerate(places) for more in range(place.frames)}
+    keys: list[int] = []
+    for at, place in enumerate(places):
+        keys.append(at if place.key or not keys else keys[-1])
+    chosen = {at: True for at, place in enumerate(places) if wanted(place)}
+    waiting = list(chosen)
+    while waiting:
+        at = waiting.pop()
+        for other in (keys[at], numbers.get(places[at].needs, at)):
+            if other not in chosen:
+                chosen[other] = False
+                waiting.append(other)
+    return [(places[at], chosen[at]) for at in sorted(chosen)]
 
 
 def _joined(places: Sequence[Place]) -> Iterator[tuple[int, int]]:

@@ -110,7 +110,8 @@ def drive(
                 if ended.how == "store":  # the next run tries it again
                     outcome.left.append((ended.task.label, ended.why))
                 else:
-                    set_aside(target, *key.split("-"), ended.task.label, ended.why)
+                    origin, _, segment = key.partition("-")
+                    set_aside(target, origin, segment, ended.task.label, ended.why)
                     outcome.aside.append((ended.task.label, ended.why))
                 tick()
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.archive.contents import WHOLE, Contents, commits_of, set_aside
 from lidarcodec.archive.inputs import inputs_of
@@ -16,8 +16,22 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.untrusted.json import read_json
 from lidarcodec.wire.header import MAJOR, MINOR
 
-MAX_PLAN = 64 << 20
+MAX_PLAN: Final = 64 << 20
 """Largest plan that is read, in bytes."""
+
+
+ALONE: Final = frozenset({"raw", "zstd", "pcodec", "png", "jxl", "jpeg"})
+"""Codecs whose frames need no other frame."""
+
+
+def archive_settings(settings: StreamSettings) -> StreamSettings:
+    """Settings for an archive: with such a codec every message is a key message, unless the interval was chosen.
+
+    A frame then is one read. It costs about one percent.
+    """
+    if settings.codec not in ALONE or "key_interval" in settings.model_fields_set:
+        return settings
+    return settings.model_copy(update={"key_interval": 1})
 
 
 class CompressPlan:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lidarcodec import wire
 from lidarcodec.archive.names import FORMAT, Commit, json_of
-from lidarcodec.archive.stores.base import Store
+from lidarcodec.archive.stores.base import Store, check_name
 from lidarcodec.archive.table import place_of, write_table
 from lidarcodec.codecs import table as codecs
 from lidarcodec.errors import SourceError
@@ -35,15 +35,21 @@ MAX_COMMIT: Final = 16 << 20
 
 
 class Place(NamedTuple):
-    """A message in a recording: stamp of its first frame, place of its bytes, whether it is a key message, its number
-    of frames, its checksum."""
+    """A message in a recording.
+
+    stamp_ns: of its first frame;  offset, length: of its bytes;  checksum: its CRC-32C;  frame: number of
+    its first frame;  frames: how many it has;  key: 1 for a key message, otherwise 0;  needs: the frame that it refers
+    to, -1 for none
+    """
 
     stamp_ns: int
     offset: int
     length: int
-    key: bool
-    frames: int
     checksum: int
+    frame: int
+    frames: int
+    key: int
+    needs: int
 
 
 @dataclass(frozen=True)
@@ -113,15 +119,18 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
     digest = _sha256(path)
     names = f"{about.vehicle}/{about.sensor}/{about.segment}-{digest[:16]}"
     fields = {
-        "vehicle": about.vehicle, "sensor": about.sensor, "segment": about.segment, "object": f"recordings/{names}.mcap",
-    }  # fmt: skip
+        "vehicle": about.vehicle,
+        "sensor": about.sensor,
+        "segment": about.segment,
+        "object": f"recordings/{names}.mcap",
+    }
     places = []
-    for place, index, more in _messages(path, rows.step_m):
+    for place, more in _messages(path, rows.step_m):
         places.append(place)
         for number in range(place.frames):
-            if (row := rows.rows.get(index + number)) is not None:
+            if (row := rows.rows.get(place.frame + number)) is not None:
                 row |= {"offset": place.offset, "length": place.length, "bytes": place.length // place.frames,
-                        "key": place.key, "checksum": place.checksum, **more, **fields}  # fmt: skip
+                        "key": bool(place.key), "checksum": place.checksum, **more, **fields}  # fmt: skip
     complete = [row for _, row in sorted(rows.rows.items()) if "offset" in row]
     stamps = [row["stamp_ns"] for row in complete]
     table = folder / "frames.parquet"
@@ -141,7 +150,7 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
             "packets": coded.packets,
             "positions": coded.positions,
             "packet_bytes": coded.payload_bytes,
-            "messages": [[int(value) for value in place] for place in places],
+            "messages": [list(place) for place in places],
         }
     )
     return Product(path, table, commit, value)
@@ -150,8 +159,8 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
 def publish(store: Store, product: Product) -> bool:
     """Put a segment into the store. Returns whether it was this product that became visible.
 
-    The commit is created last and only once. A product that lost the race is removed again, unless its objects are those
-    of the winner: equal contents have equal names.
+    The commit is created last and only once. A product that lost the race is removed again, unless its objects are
+    those of the winner: equal contents have equal names.
     """
     value, ours = product.value, json_of(product.value)
     store.create(value["object"], product.recording)
@@ -168,25 +177,28 @@ def publish(store: Store, product: Product) -> bool:
 def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
     """The contents of a commit. Raises SourceError if it is damaged, OSError."""
     try:
-        value = read_json(store.read(commit.name), MAX_COMMIT)
-        places_of(value)
-        if value["format"] != FORMAT or value["segment"] != commit.segment:
-            raise ValueError("another format or segment")
-        for key in ("object", "table", "sha256"):
-            if not isinstance(value[key], str):
-                raise TypeError(key)
+        return _checked(read_json(store.read(commit.name), MAX_COMMIT), commit)
     except (ValueError, KeyError, TypeError) as error:
         raise SourceError(f"{store.url}: {commit.name} is damaged: {error}") from None
-    return dict(value)
+
+
+def _checked(value: Any, commit: Commit) -> dict[str, Any]:
+    """The contents of a commit. Raises ValueError, KeyError or TypeError if they are damaged."""
+    if value["format"] != FORMAT or value["segment"] != commit.segment:
+        raise ValueError("it is of another format or segment")
+    for key in ("object", "table"):
+        check_name(value[key])
+    places_of(value)
+    return dict(value) | {"sha256": str(value["sha256"]), "bytes": int(value["bytes"])}
 
 
 def places_of(value: dict[str, Any]) -> list[Place]:
     """The messages of a commit's recording, in order."""
-    return [Place(*map(int, one[:3]), bool(one[3]), *map(int, one[4:6])) for one in value["messages"]]
+    return [Place._make(map(int, one)) for one in value["messages"]]
 
 
-def _messages(path: Path, step_m: float) -> Iterable[tuple[Place, int, dict[str, Any]]]:
-    """(place, number of the first frame, codec and bound) of each message of a recording."""
+def _messages(path: Path, step_m: float) -> Iterator[tuple[Place, dict[str, Any]]]:
+    """(place, codec and bound) of each message of a recording."""
     with open_regular(path) as file:
         for channel, stored in RecordingReader(file).everything():
             if channel.encoding != MESSAGE_ENCODING:
@@ -197,12 +209,14 @@ def _messages(path: Path, step_m: float) -> Iterable[tuple[Place, int, dict[str,
             bound_m = promise.bound_m
             if bound_m is None and promise.step is not None:
                 bound_m = bound_of(promise.step, step_m)
+            needs = -1 if header.needs is None else header.needs
             place = Place(
-                header.stamp_ns, stored.start, stored.length, header.key, header.frame_count, checksum_of(data)
-            )
-            yield place, header.frame_index, {"codec": codecs.codec_name(header.codec), "bound_m": bound_m}
+                header.stamp_ns, stored.start, stored.length, checksum_of(data), header.frame_index, header.frame_count,
+                int(header.key), needs,
+            )  # fmt: skip
+            yield place, {"codec": codecs.codec_name(header.codec), "bound_m": bound_m}
 
 
 def _sha256(path: Path) -> str:
-    with open_regular(path) as file:
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -49,7 +49,8 @@ class Ended:
     """A task that ended.
 
     how: `done`; `refused`: it cannot be done with this input and these settings, again would be no better; `failed`;
-         `store`: a store, the disk or the memory failed; `killed`: its process died; `late`: it took too long; `missing`: an optional dependency is not installed
+         `store`: a store, the disk or the memory failed; `killed`: its process died; `late`: it took too long;
+         `missing`: an optional dependency is not installed
     result: what its function returned;  why: the error
     """
 

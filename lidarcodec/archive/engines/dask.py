@@ -15,8 +15,8 @@ _CONNECT_S: Final = 10.0
 
 
 class DaskEngine:
-    """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. A task that a worker took with it when it died
-    is run again by Dask itself, on another worker.
+    """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. When a worker dies, Dask itself runs its tasks
+    again on another one.
 
     timeout_s: a task that takes longer is given up; Dask cannot interrupt it
     """
@@ -26,7 +26,8 @@ class DaskEngine:
         from distributed import Client
 
         try:
-            self._client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)
+            client: Any = Client
+            self._client = client(address, timeout=_CONNECT_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None

@@ -9,7 +9,7 @@ from typing import Final
 from lidarcodec.archive.engines.base import Engine
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 
-ENGINES: Final = ("processes", "dask")
+ENGINES: Final = ("processes", "dask", "here")
 
 
 def check_engine(name: str, scheduler: str | None) -> None:
@@ -18,7 +18,7 @@ def check_engine(name: str, scheduler: str | None) -> None:
         raise UnknownNameError("engine", name, ENGINES)
     if name == "dask" and scheduler is None:
         raise SettingsError("--workers dask needs --scheduler ADDRESS, such as tcp://10.0.0.5:8786", "scheduler")
-    if name == "processes" and scheduler is not None:
+    if name != "dask" and scheduler is not None:
         raise SettingsError("--scheduler is only for --workers dask", "scheduler")
     if name == "dask" and find_spec("distributed") is None:
         raise MissingExtraError("--workers dask", "cluster")
@@ -34,6 +34,10 @@ def make_engine(name: str, scheduler: str | None, count: int | None, timeout_s: 
         from lidarcodec.archive.engines.dask import DaskEngine
 
         return DaskEngine(str(scheduler), timeout_s)
+    if name == "here":
+        from lidarcodec.archive.engines.here import HereEngine
+
+        return HereEngine()
     from lidarcodec.archive.engines.processes import ProcessEngine
 
     return ProcessEngine(count or len(os.sched_getaffinity(0)), timeout_s)

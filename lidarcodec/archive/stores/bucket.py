@@ -33,7 +33,7 @@ class BucketStore(Store):
 
         self.url = url
         try:
-            self._store = store or obstore.store.from_url(url, retry_config=_RETRIES)  # type: ignore[call-overload]
+            self._store = store or obstore.store.from_url(url, retry_config=_RETRIES)
         except (BaseError, ValueError) as error:
             raise SourceError(f"{url} cannot be opened: {_told(error)}") from None
 
@@ -104,7 +104,12 @@ class BucketStore(Store):
         except FileNotFoundError:
             raise FileNotFoundError(f"{self.url}: {name} does not exist") from None
         except BaseError as error:
-            raise OSError(f"{self.url}: {_told(error)}") from None
+            told = _told(error)
+            if "invalid path" in told:  # a listing with such a name cannot be read
+                raise SourceError(
+                    f"{self.url} has an object with a name that leaves its prefix or is empty: delete it first ({told})"
+                ) from None
+            raise OSError(f"{self.url}: {told}") from None
 
 
 def _told(error: Exception) -> str:

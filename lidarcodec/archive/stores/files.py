@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from datetime import UTC, datetime
 from typing import Any
 
 from fsspec import AbstractFileSystem
@@ -32,6 +33,11 @@ class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
         if size is None:
             raise FileNotFoundError(path)
         return {"name": name, "size": size, "type": "file"}
+
+    def modified(self, path: str) -> datetime:
+        """The same for all: an object never changes."""
+        del path
+        return datetime(1970, 1, 1, tzinfo=UTC)
 
     def glob(self, path: str, **options: Any) -> list[str]:
         """The path itself: names of tables are known."""

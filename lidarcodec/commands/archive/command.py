@@ -35,7 +35,7 @@ def run(
     pairs: Pairs = None,
     seconds: Annotated[float, Option("--seconds", min=1.0, max=600.0, metavar="S", help="Length of a segment.")] = 40.0,
     workers: Annotated[
-        str, Option("--workers", metavar="processes|dask", help="Who does the work: processes here, or a Dask cluster.")
+        str, Option("--workers", metavar="NAME", help="Who works: processes, dask (a cluster), or here (this process).")
     ] = "processes",
     processes: Annotated[
         int | None,

@@ -98,13 +98,13 @@ def _recording(
     watched: Watched[Coded] = Watched(opened.messages(**arguments), stopped)
     found = iter(watched)
     first, count = _first(found), 0
-    with output.beside.open("wb") as file:
-        with RecordingWriter(file, first.commit.vehicle, first.commit.sensor) as writer:
-            for one in chain((first,), found):
-                _same_stream(first.commit, one.commit)
-                writer.write(one.data)
-                count += one.place.frames
-                tick()
+    names = first.commit.vehicle, first.commit.sensor
+    with output.beside.open("wb") as file, RecordingWriter(file, *names) as writer:
+        for one in chain((first,), found):
+            _same_stream(first.commit, one.commit)
+            writer.write(one.data)
+            count += one.place.frames
+            tick()
     return count, watched.cut
 
 

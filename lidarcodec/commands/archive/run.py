@@ -10,7 +10,7 @@ from typing import Any, Final
 from lidarcodec.archive.archive import time_ns
 from lidarcodec.archive.driver import Outcome, Plan, drive
 from lidarcodec.archive.engines.table import check_engine, make_engine
-from lidarcodec.archive.plan import CommitPlan, CompressPlan
+from lidarcodec.archive.plan import CommitPlan, CompressPlan, archive_settings
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
@@ -84,7 +84,7 @@ def _checked(wanted: Wanted) -> StreamSettings:
         raise SettingsError("--job recompress needs the new settings: --codec or --set")
     check_extra()
     check_engine(wanted.workers, wanted.scheduler)
-    return check_offline(one_setting(wanted.codec, wanted.pairs))
+    return archive_settings(check_offline(one_setting(wanted.codec, wanted.pairs)))
 
 
 def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings) -> Plan:
