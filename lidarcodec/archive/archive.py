@@ -12,7 +12,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from lidarcodec.archive.contents import commits_of, tables_of
+from lidarcodec.archive.contents import commits_of
+from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.product import Place, places_of, read_commit
 from lidarcodec.archive.stores.base import Store
@@ -126,7 +127,7 @@ class Archive:
 
     def tables(self) -> list[str]:
         """Names of the Parquet files with the rows of all frames."""
-        return tables_of(self.store)
+        return tables_to_read(self.store)
 
 
 def open_archive(where: str | Path) -> Archive:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -98,17 +98,20 @@ def commits_of(
     return [one for one in found if (one.segment in replaced) == hidden and (not between or one.last_ns >= between[0])]
 
 
-def tables_of(store: Store) -> list[str]:
-    """Names of the tables of all visible segments.
+def tables_of(store: Store, leave_out: Set[str] = frozenset()) -> list[str]:
+    """Names of the tables of all visible segments. leave_out: ids of segments that are not needed
 
     A segment has two tables only where two builds wrote different bytes at the same time; then its commit is read.
     """
+    commits = [commit for commit in commits_of(store) if commit.segment not in leave_out]
+    if not commits:
+        return []
     by_segment: dict[str, list[str]] = {}
     for entry in store.entries("frames/"):
         if (segment := part_segment(entry.name)) is not None:
             by_segment.setdefault(segment, []).append(entry.name)
     found = []
-    for commit in commits_of(store):
+    for commit in commits:
         names = by_segment.get(commit.segment, [])
         found.append(names[0] if len(names) == 1 else read_commit(store, commit)["table"])
     return found

@@ -6,13 +6,15 @@ Equal rows give equal bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import MissingExtraError
 from lidarcodec.frame import Frame
 
@@ -48,6 +50,7 @@ COLUMNS: Final[Mapping[str, str]] = {
     "segment": "VARCHAR",
 }
 """Columns and their types. docs/guides/archive.md explains them."""
+_PROTOCOL: Final = "archive"
 _SELECT: Final = ", ".join("make_timestamp_ns(stamp_ns) AS time" if name == "time" else f'"{name}"' for name in COLUMNS)
 
 
@@ -82,14 +85,38 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     try:
         with duckdb.connect(config={"threads": 1}) as connection:
             connection.execute(
-                f"COPY (SELECT {_SELECT} FROM read_json({_text(lines)}, format = 'newline_delimited', "
-                f"columns = {types})) TO {_text(path)} (FORMAT parquet, COMPRESSION zstd)"
+                f"COPY (SELECT {_SELECT} FROM read_json({text_of(lines)}, format = 'newline_delimited', "
+                f"columns = {types})) TO {text_of(path)} (FORMAT parquet, COMPRESSION zstd)"
             )
     finally:
         lines.unlink(missing_ok=True)
 
 
-def _text(path: Path) -> str:
+@contextmanager
+def with_tables(store: Store, names: Sequence[str]) -> Iterator[Any]:
+    """A connection of DuckDB in which `frames` is a view of tables of an archive, given by their names."""
+    check_extra("a query")
+    import duckdb
+
+    with duckdb.connect(config={"autoinstall_known_extensions": False}) as connection:
+        if not names:
+            columns = ", ".join(f'CAST(NULL AS {kind}) AS "{name}"' for name, kind in COLUMNS.items())
+            connection.execute(f"CREATE VIEW frames AS SELECT {columns} LIMIT 0")
+            yield connection
+            return
+        if store.file(names[0]) is not None:
+            paths = [str(store.file(name)) for name in names]
+        else:
+            from lidarcodec.archive.stores.files import StoreFiles
+
+            connection.register_filesystem(StoreFiles(store))
+            paths = [f"{_PROTOCOL}://{name}" for name in names]
+        texts = ", ".join(map(text_of, paths))
+        connection.execute(f"CREATE VIEW frames AS SELECT * FROM read_parquet([{texts}], hive_partitioning = false)")
+        yield connection
+
+
+def text_of(path: str | Path) -> str:
     """A path as a text of SQL."""
     escaped = str(path).replace("'", "''")
     return f"'{escaped}'"

@@ -15,8 +15,8 @@ _CONNECT_S: Final = 10.0
 
 
 class DaskEngine:
-    """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. When a worker dies, Dask itself runs its tasks
-    again on another one.
+    """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. When a worker dies, Dask itself runs its
+    tasks again on another one.
 
     timeout_s: a task that takes longer is given up; Dask cannot interrupt it
     """

@@ -1,4 +1,4 @@
-"""The engine without other processes: tasks run in this one, one after another. For debugging, and for small archives."""
+"""The engine without other processes: tasks run in this one, one after another. For debugging."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from lidarcodec.archive.stores.base import Entry, Store, check_name
 from lidarcodec.errors import SourceError
 
 _PAGE: Final = 1000
-_RETRIES: Final[Any] = {"max_retries": 10, "retry_timeout": timedelta(seconds=120)}
+_RETRIES: Final[Any] = {"max_retries": 8, "retry_timeout": timedelta(seconds=90)}
 """Of a request that the store refuses for now (errors 500 and 503, cut connections)."""
 
 

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import io
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Final
 
 from fsspec import AbstractFileSystem
+from fsspec.spec import AbstractBufferedFile
 
 from lidarcodec.archive.stores.base import Store
 
+WHOLE_BYTES: Final = 1 << 20
+"""A file of at most so many bytes is read in one request."""
+
+
+class StoreFile(AbstractBufferedFile):  # type: ignore[misc]
+    """A large object, read in parts."""
+
+    def _fetch_range(self, start: int, end: int) -> bytes:
+        return self.fs.part(self.path, start, end)  # type: ignore[no-any-return]
+
 
 class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
-    """Files `archive://NAME`. A table of frames is small: it is read whole, in one request."""
+    """Files `archive://NAME`. A small one is read whole, of a large one only the parts that are asked for."""
 
     protocol = "archive"
     cachable = False
@@ -21,9 +32,17 @@ class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
         super().__init__()
         self._store = store
 
-    def _open(self, path: str, mode: str = "rb", **options: Any) -> io.BytesIO:
-        del mode, options
-        return io.BytesIO(self._store.read(self._strip_protocol(path)))
+    def _open(self, path: str, mode: str = "rb", **options: Any) -> io.BytesIO | StoreFile:
+        del options
+        name = str(self._strip_protocol(path))
+        size = self.info(name)["size"]
+        if size <= WHOLE_BYTES:
+            return io.BytesIO(self._store.read(name))
+        return StoreFile(self, name, mode, block_size=WHOLE_BYTES, cache_type="readahead", size=size)
+
+    def part(self, name: str, start: int, end: int) -> bytes:
+        """Bytes of an object."""
+        return self._store.read(name, start, end - start)
 
     def info(self, path: str, **options: Any) -> dict[str, Any]:
         """Name, size and kind of a file."""

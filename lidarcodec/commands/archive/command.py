@@ -29,7 +29,7 @@ def run(
     ],
     archive: Annotated[str, typer.Argument(metavar="OUT", show_default=False, help="The archive: folder or bucket.")],
     job: Annotated[
-        str, Option("--job", metavar="NAME", help="What to do: compress, verify or recompress.")
+        str, Option("--job", metavar="NAME", help="What to do: compress, verify, recompress or index.")
     ] = "compress",
     codec: CodecName = None,
     pairs: Pairs = None,

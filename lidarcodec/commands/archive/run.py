@@ -10,6 +10,7 @@ from typing import Any, Final
 from lidarcodec.archive.archive import time_ns
 from lidarcodec.archive.driver import Outcome, Plan, drive
 from lidarcodec.archive.engines.table import check_engine, make_engine
+from lidarcodec.archive.index import index
 from lidarcodec.archive.plan import CommitPlan, CompressPlan, archive_settings
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.base import Store
@@ -24,7 +25,7 @@ from lidarcodec.settings import StreamSettings
 
 log = logging.getLogger(__name__)
 
-JOBS: Final = ("compress", "verify", "recompress")
+JOBS: Final = ("compress", "verify", "recompress", "index")
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
 
@@ -52,6 +53,9 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
     removed = repair(target) if wanted.repair else {}
+    if wanted.job == "index":
+        _print(index(target), as_json)
+        return True
     plan = _plan(wanted, inputs, target, settings)
     if wanted.dry and wanted.job != "recompress":
         waiting = sum(1 for _ in plan.tasks())
@@ -78,8 +82,10 @@ def _checked(wanted: Wanted) -> StreamSettings:
         raise UnknownNameError("job", wanted.job, JOBS)
     if wanted.job != "recompress" and (wanted.delete_old or wanted.before):
         raise SettingsError("--delete-old and --before are only for --job recompress")
-    if wanted.job == "verify" and (wanted.codec or wanted.pairs):
-        raise SettingsError("--job verify takes no settings: each recording is compared by its own")
+    if wanted.job in ("verify", "index") and (wanted.codec or wanted.pairs):
+        raise SettingsError(f"--job {wanted.job} takes no settings")
+    if wanted.job == "index" and wanted.dry:
+        raise SettingsError("--dry-run is not for --job index")
     if wanted.job == "recompress" and not (wanted.codec or wanted.pairs):
         raise SettingsError("--job recompress needs the new settings: --codec or --set")
     check_extra()

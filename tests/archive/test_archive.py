@@ -1,0 +1,205 @@
+"""Through the whole archive: run, query, get, verify, recompress, repair; on a folder, without other processes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import lidarcodec
+from lidarcodec.archive.archive import open_archive
+from lidarcodec.sources import open_source
+from tests.archive.conftest import unchanged
+from tests.command_line import run_here
+
+FRAMES = 13
+SHORT = ("--workers", "here", "--seconds", "1")
+
+
+def payloads(path: Path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def archive(*words, code: int = 0):
+    done = run_here("archive", *map(str, words))
+    assert done.returncode == code, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def made(drive, tmp_path_factory):
+    out = tmp_path_factory.mktemp("made") / "out"
+    archive("run", drive, out, *SHORT)
+    return out
+
+
+@pytest.fixture
+def filled(made, tmp_path):
+    """A copy of the archive of the short drive."""
+    return Path(shutil.copytree(made, tmp_path / "out"))
+
+
+def test_packets_come_back_and_a_second_run_does_nothing(inputs, filled, tmp_path):
+    archive("get", filled, tmp_path / "back.pcap", "--vehicle", "car-7")
+    assert payloads(tmp_path / "back.pcap") == payloads(inputs / "car-7/roof/drive.pcap")
+    with unchanged(filled):
+        done = archive("run", inputs, filled, *SHORT, "--json")
+    assert json.loads(done.stdout) | {"aside": []} == json.loads(done.stdout)
+    assert json.loads(done.stdout)["finished"] == 1
+    assert not [path for path in filled.rglob(".*") if path.is_file()]
+
+
+def test_equal_runs_give_equal_objects(inputs, filled, tmp_path):
+    again = tmp_path / "again"
+    archive("run", inputs, again, *SHORT)
+    assert objects(again) == objects(filled)
+
+
+def objects(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_query_sees_every_frame_once(inputs, filled):
+    done = archive("query", filled, "select vehicle, sensor, count(*) n, sum(packets) p, max(error_m) e from frames "
+                   "group by all", "--json")  # fmt: skip
+    (row,) = json.loads(done.stdout)
+    assert row == {"vehicle": "car-7", "sensor": "roof", "n": FRAMES, "p": len(payloads(inputs / "car-7/roof/drive.pcap")),
+                   "e": 0.0}  # fmt: skip
+    wrong = run_here("archive", "query", str(filled), "select nothing from frames")
+    assert wrong.returncode == 2
+    assert "the query cannot be run" in wrong.stderr
+
+
+def test_frames_by_time_and_by_condition(filled):
+    found = open_archive(filled)
+    every = list(found.frames())
+    between = (every[2].stamp_ns, every[3].stamp_ns)
+    chosen = list(found.frames(vehicle="car-7", sensor="roof", between=between))
+    assert [frame.stamp_ns for frame in chosen] == list(between)
+    assert (chosen[0].range == every[2].range).all()
+    (same,) = found.frames(where=f"stamp_ns = {between[0]}")
+    assert same.stamp_ns == between[0]
+    assert list(found.frames(vehicle="car-8")) == []
+    with pytest.raises(lidarcodec.errors.SettingsError, match="no time"):
+        list(found.frames(between=("yesterday", "today")))
+
+
+def test_a_recording_of_some_frames_is_read_by_decode(filled, tmp_path):
+    archive("get", filled, tmp_path / "some.mcap", "--where", "frame = 1")
+    expected = [frame.stamp_ns for frame in open_archive(filled).frames(where="frame = 1")]
+    with open_source(tmp_path / "some.mcap") as source:
+        assert [frame.stamp_ns for frame in source.frames()] == expected
+    assert len(expected) == 2
+
+
+def test_predicted_frames_bring_what_they_need(inputs, tmp_path):
+    out = tmp_path / "out"
+    archive("run", inputs, out, "--workers", "here", "--codec", "predictive")
+    (frame,) = open_archive(out).frames(where="frame = 4")
+    with open_source(inputs / "car-7/roof/drive.pcap") as source:
+        expected = list(lidarcodec.read_frames(source, "packets"))[4]
+    assert (frame.range == expected.range).all()
+
+
+def test_verify_compares_with_the_input_and_finds_damage(inputs, filled):
+    done = archive("run", inputs, filled, "--job", "verify", "--workers", "here", "--json")
+    assert json.loads(done.stdout)["compared"] == 2
+    recording = next(filled.rglob("*.mcap"))
+    data = bytearray(recording.read_bytes())
+    data[len(data) // 2] ^= 1
+    recording.write_bytes(data)
+    for old in (filled / "verified").iterdir():
+        old.unlink()
+    done = archive("run", inputs, filled, "--job", "verify", "--workers", "here", code=1)
+    assert "BROKEN recordings/car-7/roof/" in done.stdout
+
+
+def test_recompress_replaces_in_one_step_and_deletes_only_when_told(inputs, filled):
+    before = objects(filled)
+    words = ("run", filled, filled, "--job", "recompress", "--set", "max_error_m=0.05", "--workers", "here")
+    with unchanged(filled):
+        done = archive(*words, "--dry-run", "--json")
+    assert json.loads(done.stdout)["to_recompress"] == 2
+    archive(*words)
+    assert objects(filled).items() >= before.items()
+    (row,) = open_archive(filled).query("select count(*), min(bound_m), max(error_m) > 0 from frames")[1]
+    assert row[0] == FRAMES
+    assert row[1] <= 0.05
+    assert row[2]
+    archive(*words, "--delete-old")
+    gone = before.keys() - objects(filled).keys()
+    assert {name.partition("/")[0] for name in gone} == {"recordings", "frames"}
+    assert len(list(open_archive(filled).frames())) == FRAMES
+    with unchanged(filled):
+        archive("run", inputs, filled, *SHORT)
+
+
+def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_path):
+    (inputs / "broken.pcap").write_bytes(b"no capture at all")
+    (inputs / "empty.mcap").write_bytes(b"")
+    (inputs / "notes.txt").write_text("not an input")
+    (inputs / "link.pcap").symlink_to("/etc/passwd")
+    out = tmp_path / "out"
+    done = archive("run", inputs, out, *SHORT, "--json", code=1)
+    told = json.loads(done.stdout)
+    assert told["frames"] == FRAMES
+    assert {one["what"] for one in told["aside"]} == {"broken.pcap", "empty.mcap"}
+    whys = [json.loads(path.read_text()) for path in (out / "aside").iterdir()]
+    assert {"what": "link.pcap", "why": "it is a link that leaves its folder"} in whys
+    assert not [one for one in whys if str(tmp_path) in one["why"]]
+    assert json.loads(archive("run", inputs, out, *SHORT, "--json").stdout)["finished"] == 4
+    done = archive("run", inputs, out, *SHORT, "--repair", "--json", code=1)
+    assert json.loads(done.stdout)["repaired"]["aside"] == 3
+
+
+def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inputs, filled):
+    before = objects(filled)
+    (filled / "recordings/car-7/roof" / f"{'0' * 24}-{'0' * 16}.mcap").write_bytes(b"never committed")
+    (filled / "recordings" / f".half.{'0' * 12}.mcap").write_bytes(b"half")
+    next(filled.rglob("*.parquet")).unlink()
+    archive("run", inputs, filled, *SHORT, "--repair")
+    assert objects(filled) == before
+
+
+def test_joined_tables_say_the_same(filled, monkeypatch):
+    monkeypatch.setattr("lidarcodec.archive.index.FEWEST", 1)
+    query = "select * from frames order by stamp_ns"
+    before = open_archive(filled).query(query)
+    archive("run", filled, filled, "--job", "index")
+    assert list((filled / "index").glob("*.parquet"))
+    next((filled / "frames").rglob("*.parquet")).unlink()
+    assert open_archive(filled).query(query) == before
+    words = ("run", filled, filled, "--job", "recompress", "--set", "max_error_m=0.05", "--workers", "here")
+    archive(*words)
+    assert len(open_archive(filled).query(query)[1]) == FRAMES
+    done = archive("run", filled, filled, "--job", "index", "--json")
+    assert json.loads(done.stdout)["removed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--job", "nothing"), "unknown job"),
+        (("--workers", "dask"), "--scheduler"),
+        (("--set", "target_kbps=auto"), "only in live streams"),
+        (("--job", "verify", "--codec", "zstd"), "no settings"),
+        (("--job", "recompress"), "needs the new settings"),
+        (("--delete-old",), "only for --job recompress"),
+        (("--codec", "nothing"), "unknown codec"),
+    ],
+)
+def test_wrong_options_are_refused(inputs, tmp_path, words, said):
+    done = run_here("archive", "run", str(inputs), str(tmp_path / "out"), *words)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_extra_is_one_line(inputs, tmp_path, monkeypatch):
+    monkeypatch.setattr("lidarcodec.archive.table.find_spec", lambda name: None)
+    done = run_here("archive", "run", str(inputs), str(tmp_path / "out"))
+    assert done.returncode == 2
+    assert "pip install 'lidarcodec[archive]'" in done.stderr

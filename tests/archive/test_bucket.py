@@ -1,0 +1,72 @@
+"""The same in a bucket of moto's S3 server, with real processes."""
+
+from __future__ import annotations
+
+import json
+import threading
+
+import pytest
+
+from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.stores.table import open_store
+from lidarcodec.errors import SourceError
+from tests.archive.test_archive import FRAMES, payloads
+from tests.command_line import run
+
+pytestmark = [pytest.mark.sweep, pytest.mark.timeout(300)]
+
+
+def archive(*words, code: int = 0, **variables):
+    done = run("archive", *words, **variables)
+    assert done.returncode == code, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def filled(bucket, drive):
+    """The archive of the short drive in a bucket."""
+    source = open_store("s3://fleet/in")
+    for path in drive.rglob("*.pcap"):
+        source.upload(str(path.relative_to(drive)), [path.read_bytes()])
+    archive("run", "s3://fleet/in", "s3://fleet/out", "--seconds", "1", "--processes", "2", **bucket.variables)
+    return "s3://fleet/out"
+
+
+def test_packets_come_back_and_a_second_run_does_nothing(bucket, filled, drive, tmp_path):
+    archive("get", filled, tmp_path / "back.pcap", **bucket.variables)
+    assert payloads(tmp_path / "back.pcap") == payloads(drive / "car-7/roof/drive.pcap")
+    done = archive("run", "s3://fleet/in", filled, "--seconds", "1", "--json", **bucket.variables)
+    assert json.loads(done.stdout)["finished"] == 1
+
+
+def test_a_frame_takes_three_requests_and_no_other_bytes(bucket, filled):
+    (stamp,) = open_archive(filled).query("select max(stamp_ns) from frames where frame = 1")[1][0]
+    before = len(bucket.requests())
+    (frame,) = open_archive(filled).frames(vehicle="car-7", sensor="roof", between=(stamp, stamp))
+    assert frame.stamp_ns == stamp
+    assert len(bucket.requests()) - before == 3
+
+
+def test_a_query_reads_the_tables_of_the_bucket(filled):
+    ((count,),) = open_archive(filled).query("select count(*) from frames where vehicle = 'car-7'")[1]
+    assert count == FRAMES
+
+
+def test_of_many_that_create_an_object_one_wins(bucket):
+    store, wins = open_store("s3://fleet/race"), []
+    threads = [
+        threading.Thread(target=lambda at=at: wins.append(at) if store.create("one", b"%d" % at) else None)
+        for at in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    (winner,) = wins
+    assert store.read("one") == b"%d" % winner
+
+
+def test_a_name_that_leaves_the_prefix_is_refused(bucket):
+    bucket.put("bad/a/../../in/drive.pcap", b"outside")
+    with pytest.raises(SourceError, match="leaves its prefix"):
+        list(open_store("s3://fleet/bad").entries())
