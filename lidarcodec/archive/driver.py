@@ -45,9 +45,9 @@ class Plan(Protocol):
 class Outcome:
     """What a run did.
 
-    counts: sums of the results, number of tasks by kind, `tries again`, `done twice`
+    counts: sums of the results, number of tasks by kind, `tried_again`, `done_twice`
     aside: label and reason of each task that was set aside;  left: of each that a store did not allow
-    results: of tasks whose results are shown;  complete: whether it ran to its end
+    results: of tasks whose results are shown;  complete: whether it ran to its end;  tasks: done ones
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -55,6 +55,7 @@ class Outcome:
     left: list[tuple[str, str]] = field(default_factory=list)
     results: list[dict[str, Any]] = field(default_factory=list)
     complete: bool = True
+    tasks: int = 0
 
 
 def drive(
@@ -115,7 +116,7 @@ def drive(
                     outcome.aside.append((ended.task.label, ended.why))
                 tick()
                 continue
-            outcome.counts["tries again"] += 1
+            outcome.counts["tried_again"] += 1
             log.info("%s is tried again: %s", ended.task.label, ended.why)
             pause = pause_s * 2 ** (failures[key] + kills[key] - 1)
             heapq.heappush(waiting, (time.monotonic() + min(pause, 60.0), next(numbers), ended.task))
@@ -124,11 +125,12 @@ def drive(
 
 
 def _note(outcome: Outcome, ended: Ended) -> None:
+    outcome.tasks += 1
     outcome.counts[ended.task.kind] += 1
     for name, value in ended.result.items():
         if isinstance(value, int) and not isinstance(value, bool):
             outcome.counts[name] += value
     if not ended.result.get("won", True):
-        outcome.counts["done twice"] += 1
+        outcome.counts["done_twice"] += 1
     if ended.task.kind == "verify":
         outcome.results.append(ended.result)

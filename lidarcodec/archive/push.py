@@ -58,7 +58,7 @@ def push(
     `FILE.sha256.json`.
 
     A file that is being written waits for the next time. delete: remove a file here after it was read back from the
-    store and is the same. Returns numbers: `uploaded`, `bytes`, `already there`, `deleted`, `still written`,
+    store and is the same. Returns numbers: `uploaded`, `bytes`, `already_there`, `deleted`, `still_written`,
     `unreadable`.
     Raises SourceError if the store holds something else than was sent, OSError.
     """
@@ -68,7 +68,7 @@ def push(
             counts["interrupted"] = 1
             break
         if is_written(path):
-            counts["still written"] += 1
+            counts["still_written"] += 1
             continue
         name = _name(path)
         if name is None:
@@ -80,7 +80,7 @@ def push(
             digest.update(chunk)
         told = {"sha256": digest.hexdigest(), "bytes": before.st_size}
         if _told(store, name) == told and store.size(name) == before.st_size:
-            counts["already there"] += 1
+            counts["already_there"] += 1
         else:
             store.upload(name, _pieces(path, rate))
             if store.size(name) != before.st_size:

@@ -32,7 +32,7 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
     if found["settings"] == value["settings"]:
         return {"unchanged": 1}
     if value["dry"]:
-        return {"to recompress": 1, "bytes": found["bytes"], "frames": found["frames"]}
+        return {"bytes_before": found["bytes"], "frames": found["frames"]}
     segment = id_of("recompress", commit.segment, found["sha256"], value["settings"], [MAJOR, MINOR])
     about = {"job": "recompress", "input": found["object"], "not_kept": found["not_kept"]}
     known = About(commit.vehicle, commit.sensor, commit.segment, segment, about)
@@ -52,7 +52,7 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
         won = publish(target, product)
     if value["delete_old"]:
         _delete(found, read_commit(target, product.commit), target)
-    return {"won": won, "frames": found["frames"], "bytes": product.value["bytes"], "bytes before": found["bytes"]}
+    return {"won": won, "frames": found["frames"], "bytes": product.value["bytes"], "bytes_before": found["bytes"]}
 
 
 def _delete(old: dict[str, Any], new: dict[str, Any], store: Store) -> None:

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.archive import ArchiveGot, ArchivePushed, ArchiveRows, ArchiveRun
 from lidarcodec.commands.running.ending import FAILED
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, CodecName, Force, Pairs
 
 app = typer.Typer(
@@ -23,6 +25,7 @@ ArchiveName = Annotated[
 
 
 @app.command()
+@prints(ArchiveRun)
 def run(
     source: Annotated[
         str, typer.Argument(metavar="IN", show_default=False, help="Folder or bucket with captures, recordings, bags.")
@@ -79,6 +82,7 @@ def run(
 
 
 @app.command()
+@prints(ArchiveRows)
 def query(
     archive: ArchiveName,
     sql: Annotated[
@@ -94,6 +98,7 @@ def query(
 
 
 @app.command()
+@prints(ArchiveGot)
 def get(
     archive: ArchiveName,
     out: Annotated[
@@ -123,6 +128,7 @@ def get(
 
 
 @app.command()
+@prints(ArchivePushed)
 def push(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", show_default=False, help="Folder of `publish --record` or `subscribe`.")

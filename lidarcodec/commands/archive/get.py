@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import chain
@@ -15,6 +14,7 @@ from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.outputs import check_output, contents_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.recording import RecordingWriter
@@ -65,7 +65,7 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
         frames, cut = write(opened, arguments, out, output, stopped, tick)
         if cut:
             raise StoppedError(f"stopped: {out} was not written")
-    print(json.dumps({"out": str(output.kept), "frames": frames}) if as_json else f"{output.kept}: {frames} frames")
+    tell({"output": str(output.kept), "frames": frames}, f"{output.kept}: {frames} frames", as_json)
 
 
 def _frames(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from lidarcodec.archive.push import Rate, push
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.results.archive import ArchivePushed
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SourceError
 
 
@@ -22,6 +23,6 @@ def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_jso
         counts = push(folder, store, rate=rate, delete=delete, stopped=stopped, tick=tick)
     if counts.pop("interrupted", 0):
         raise StoppedError("stopped: run the same command again to continue")
-    result = {name.replace(" ", "_"): number for name, number in counts.items()}
-    text = ", ".join(f"{number:,} {name}" for name, number in counts.items()) or "no recordings"
-    print(json.dumps(result, indent=2) if as_json else text)
+    result = {name: counts[name] for name in ArchivePushed.__annotations__}
+    numbers = ", ".join(f"{number:,} {name.replace('_', ' ')}" for name, number in result.items() if number)
+    tell(result, numbers or "no recordings", as_json)

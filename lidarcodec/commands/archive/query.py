@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
+import math
 from datetime import datetime
 from typing import Any
 
 from lidarcodec.archive.archive import Archive
 from lidarcodec.archive.table import check_extra
+from lidarcodec.commands.running.telling import tell
 
 
 def run(archive: str, sql: str, as_json: bool) -> None:
     """Print the rows of a query."""
     check_extra("a query")
     names, rows = Archive(archive).query(sql)
-    if as_json:
-        print(json.dumps([dict(zip(names, map(_plain, row), strict=True)) for row in rows], indent=2))
-        return
-    table = [names, *([str(_plain(value)) for value in row] for row in rows)]
+    plain = [list(map(_plain, row)) for row in rows]
+    table = [names, *([str(value) for value in row] for row in plain)]
     widths = [max(len(row[at]) for row in table) for at in range(len(names))]
-    for row in table:
-        print("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+    lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in table)
+    tell({"columns": names, "rows": plain}, "\n".join(lines), as_json)
 
 
 def _plain(value: Any) -> Any:
@@ -29,4 +28,6 @@ def _plain(value: Any) -> Any:
         return value.isoformat()
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)

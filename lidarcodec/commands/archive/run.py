@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,6 +17,7 @@ from lidarcodec.archive.stores.table import open_store
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.pipeline import check_offline
@@ -26,6 +26,12 @@ from lidarcodec.settings import StreamSettings
 log = logging.getLogger(__name__)
 
 JOBS: Final = ("compress", "verify", "recompress", "index")
+NUMBERS: Final = (
+    "inputs", "finished", "tasks", "segments", "frames", "packet_bytes", "bytes", "bytes_before", "unchanged",
+    "compared", "joined", "removed", "tried_again", "done_twice",
+)  # fmt: skip
+"""Numbers of a result, as in `results.archive.ArchiveRun`."""
+_SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
 
@@ -52,14 +58,19 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     """Do the job and print what was done. Returns whether nothing was set aside, left or found broken."""
     settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
-    removed = repair(target) if wanted.repair else {}
+    result = _nothing(wanted)
+    if wanted.repair:
+        result["repaired"] = dict(repair(target))
     if wanted.job == "index":
-        _print(index(target), as_json)
+        joined = index(target)
+        result |= {"joined": joined["joined"], "segments": joined["segments"], "removed": joined["removed"]}
+        tell(result, _text(result), as_json)
         return True
     plan = _plan(wanted, inputs, target, settings)
     if wanted.dry and wanted.job != "recompress":
-        waiting = sum(1 for _ in plan.tasks())
-        _print({"inputs": plan.inputs, "finished": plan.finished, "tasks": waiting, "dry_run": True}, as_json)
+        result["tasks"] = sum(1 for _ in plan.tasks())
+        result |= {"inputs": plan.inputs, "finished": plan.finished}
+        tell(result, _text(result), as_json)
         return True
     engine = make_engine(wanted.workers, wanted.scheduler, wanted.processes, wanted.timeout_s)
     try:
@@ -67,12 +78,12 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
             outcome = drive(plan, engine, target, stopped=stopped, tick=tick)
     finally:
         engine.close()
-    result = _result(plan, outcome) | {"repaired": dict(removed), "dry_run": wanted.dry, "complete": outcome.complete}
     for label, why in (*outcome.aside, *outcome.left)[:_SHOWN]:
         log.warning("%s: %s", label, why)
     if not outcome.complete:
         raise StoppedError("stopped: run the same command again to continue")
-    _print(result, as_json)
+    _fill(result, plan, outcome, wanted.job)
+    tell(result, _text(result), as_json)
     return not (outcome.aside or outcome.left or result["broken"])
 
 
@@ -107,25 +118,29 @@ def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings
     return CommitPlan(wanted.job, source, target, more)
 
 
-def _result(plan: Plan, outcome: Outcome) -> dict[str, Any]:
-    reasons = [{"what": label, "why": why} for label, why in outcome.aside]
-    left = [{"what": label, "why": why} for label, why in outcome.left]
-    broken = [one for one in outcome.results if one["broken"]]
-    counts = {name.replace(" ", "_"): number for name, number in sorted(outcome.counts.items())}
-    return {"inputs": plan.inputs, "finished": plan.finished} | counts | {
-        "aside": reasons, "left": left, "broken": broken,
-    }  # fmt: skip
+def _nothing(wanted: Wanted) -> dict[str, Any]:
+    """The result of a run that did nothing."""
+    numbers = dict.fromkeys(NUMBERS, 0)
+    lists: dict[str, list[Any]] = {"aside": [], "left": [], "broken": []}
+    return {"job": wanted.job} | numbers | {"repaired": {}} | lists | {"dry_run": wanted.dry}
 
 
-def _print(result: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    parts = [f"{value:,} {name.replace('_', ' ')}" for name, value in result.items() if isinstance(value, int)
-             and not isinstance(value, bool) and (value or name in ("inputs", "finished"))]  # fmt: skip
-    print(", ".join(parts))
-    for name in ("aside", "left", "broken"):
-        if found := result.get(name):
-            print(f"{name}: {len(found)}")
-    for one in result.get("broken", []):
-        print(f"BROKEN {one['object']}: {'; '.join(one['broken'])}")
+def _fill(result: dict[str, Any], plan: Plan, outcome: Outcome, job: str) -> None:
+    """Set in the result what a run did."""
+    result |= {"inputs": plan.inputs, "finished": plan.finished, "tasks": outcome.tasks}
+    result |= {name: outcome.counts[name] for name in NUMBERS if name in outcome.counts}
+    result["segments"] = outcome.counts[job] - result["unchanged"]
+    result["aside"] = [{"what": label, "why": why} for label, why in outcome.aside]
+    result["left"] = [{"what": label, "why": why} for label, why in outcome.left]
+    result["broken"] = [{"object": one["object"], "broken": one["broken"]} for one in outcome.results if one["broken"]]
+
+
+def _text(result: dict[str, Any]) -> str:
+    """The result in lines: numbers that are not 0, and broken recordings."""
+    numbers = [f"{result[name]:,} {name.replace('_', ' ')}" for name in NUMBERS
+               if result[name] or name in ("inputs", "finished")]  # fmt: skip
+    numbers += [f"{number:,} removed by --repair: {name}" for name, number in result["repaired"].items()]
+    numbers += [f"{len(result[name]):,} {said}" for name, said in _SAID.items() if result[name]]
+    return "\n".join(
+        [", ".join(numbers), *(f"BROKEN {one['object']}: {'; '.join(one['broken'])}" for one in result["broken"])]
+    )

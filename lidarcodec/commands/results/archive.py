@@ -1,0 +1,71 @@
+"""JSON of `archive` and its subcommands."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from typing_extensions import TypedDict
+
+
+class NotDone(TypedDict):
+    """An input or a segment that a run of `archive run` could not do."""
+
+    what: Annotated[str, "name of the input, and which segment of it"]
+    why: Annotated[str, "the reason"]
+
+
+class FoundBroken(TypedDict):
+    """A recording that `archive run --job verify` found broken."""
+
+    object: Annotated[str, "name of the recording in the archive"]
+    broken: Annotated[list[str], "what is wrong, one sentence each"]
+
+
+class ArchiveRun(TypedDict):
+    """Of `archive run`. Numbers are of this run alone; what earlier runs did is counted in `finished`."""
+
+    job: Annotated[str, "the job"]
+    inputs: Annotated[int, "number of inputs, or of segments in the archive"]
+    finished: Annotated[int, "those with nothing left to do when the run began"]
+    tasks: Annotated[int, "number of tasks that were done; with --dry-run, that would be begun"]
+    segments: Annotated[int, "segments that were written, compared or joined"]
+    frames: Annotated[int, "frames in them"]
+    packet_bytes: Annotated[int, "bytes of the packets in them"]
+    bytes: Annotated[int, "bytes of their recordings"]
+    bytes_before: Annotated[int, "of recompress: bytes of the recordings that were replaced, or would be"]
+    unchanged: Annotated[int, "of recompress: segments that had the settings already"]
+    compared: Annotated[int, "of verify: segments that were compared with their input"]
+    joined: Annotated[int, "of index: joined tables that were written"]
+    removed: Annotated[int, "of index: joined tables that were removed, because they were not used any more"]
+    tried_again: Annotated[int, "tasks that failed and were tried again"]
+    done_twice: Annotated[int, "segments that another worker had written meanwhile"]
+    repaired: Annotated[dict[str, int], "with --repair: number of removed objects, by kind"]
+    aside: Annotated[list[NotDone], "what was set aside in this run"]
+    left: Annotated[list[NotDone], "what a store did not allow; the next run tries it again"]
+    broken: Annotated[list[FoundBroken], "of verify: broken recordings"]
+    dry_run: Annotated[bool, "whether nothing was written"]
+
+
+class ArchiveRows(TypedDict):
+    """Of `archive query`."""
+
+    columns: Annotated[list[str], "names of the columns"]
+    rows: Annotated[list[list[Any]], "the rows: numbers, texts, null; times as ISO 8601 in UTC"]
+
+
+class ArchiveGot(TypedDict):
+    """Of `archive get`."""
+
+    output: Annotated[str, "path of what was written"]
+    frames: Annotated[int, "number of frames in it; in a recording with those that decoding needs"]
+
+
+class ArchivePushed(TypedDict):
+    """Of `archive push`."""
+
+    uploaded: Annotated[int, "recordings that were uploaded"]
+    bytes: Annotated[int, "bytes of them"]
+    already_there: Annotated[int, "recordings that the store had already"]
+    deleted: Annotated[int, "recordings that were deleted here, because the store gave back the same bytes"]
+    still_written: Annotated[int, "recordings that a program is writing"]
+    unreadable: Annotated[int, "files that are no recordings"]
