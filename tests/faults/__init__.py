@@ -16,5 +16,6 @@ ROWS = (
     "clock_jumped",
     "hostile_rest",
     "hostile_zenoh",
+    "archive_killed",
 )
 """Modules, in the order of the table."""
