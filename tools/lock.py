@@ -105,7 +105,13 @@ def write() -> None:
                 "--python-version",
                 "3.11",
             ]
-            command += ["--generate-hashes", "--constraint", str(ROOT / "constraints.txt"), "--no-emit-index-url", "--no-annotate"]
+            command += [
+                "--generate-hashes",
+                "--constraint",
+                str(ROOT / "constraints.txt"),
+                "--no-emit-index-url",
+                "--no-annotate",
+            ]
             command += ["--no-header", "--quiet", "--no-config"]
             done = subprocess.run(command, check=True, capture_output=True, text=True)
         entries = re.split(r"\n(?=[A-Za-z0-9])", done.stdout)

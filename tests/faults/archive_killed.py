@@ -19,9 +19,11 @@ from tests.faults.outcome import Outcome
 KILLS = 100
 SEED = 33
 DRIVES = 3
-FRAMES = 60
+FRAMES = 40
 DRIVER_SHARE = 0.2
 """Share of the kills that hit the driver."""
+KILLS_OF_A_ROUND = 12
+"""Killed more often, a short archive would never be complete."""
 PATIENCE_S = 300.0
 
 
@@ -81,7 +83,7 @@ def objects(folder: Path) -> dict[str, bytes]:
 def disturbed(folder: Path, out: str, moments: random.Random, counts: dict[str, int], kills: int) -> None:
     """One archive, from nothing to complete. Raises TimeoutError if it does not become complete."""
     orphans: set[int] = set()
-    begun_s = time.monotonic()
+    begun_s, in_round = time.monotonic(), 0
     while True:
         driver = command_line.start("archive", *words(folder, out))
         while driver.poll() is None:
@@ -89,18 +91,20 @@ def disturbed(folder: Path, out: str, moments: random.Random, counts: dict[str, 
                 driver.kill()
                 raise TimeoutError(f"{out} is not complete after {PATIENCE_S:g} s")
             with contextlib.suppress(subprocess.TimeoutExpired):
-                driver.wait(moments.uniform(0.1, 2.0))
+                driver.wait(moments.uniform(0.1, 3.0))
                 break
-            if counts["workers"] + counts["drivers"] >= kills:
+            if in_round == KILLS_OF_A_ROUND or counts["workers"] + counts["drivers"] >= kills:
                 continue
             children = workers_of(driver.pid)
             orphans |= children
+            before = counts["workers"] + counts["drivers"]
             if moments.random() < DRIVER_SHARE:
                 driver.kill()
                 counts["drivers"] += 1
             elif children:  # none yet: it has just begun
                 _kill(moments.choice(sorted(children)))
                 counts["workers"] += 1
+            in_round += counts["workers"] + counts["drivers"] - before
         said, _ = driver.communicate()
         if driver.returncode == 0:
             counts["twice"] += json.loads(said)["done_twice"]
