@@ -1,0 +1,75 @@
+"""Recordings of a vehicle reach a store: whole, once, at a limited rate, and are deleted only when it has them."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.archive.push import Rate, push
+from lidarcodec.archive.stores.folder import FolderStore
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.recording import RecordingWriter
+from tests.command_line import run_here
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """Two recordings of car-7/roof, and a file that is none."""
+    found = tmp_path / "recordings"
+    found.mkdir()
+    for number in range(2):
+        with (found / f"car-7_roof_{number}.mcap").open("wb") as file, RecordingWriter(file, "car-7", "roof") as writer:
+            writer.write_packets([Packet(bytes([number]) * 1206, number)])
+    (found / "notes.mcap").write_bytes(b"no recording")
+    return found
+
+
+def test_a_second_push_uploads_nothing(folder, tmp_path):
+    first = run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json")
+    told = json.loads(first.stdout)
+    assert (told["uploaded"], told["already_there"], told["unreadable"], told["deleted"]) == (2, 0, 1, 0)
+    again = json.loads(run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json").stdout)
+    assert (again["uploaded"], again["already_there"]) == (0, 2)
+    stored = tmp_path / "store" / "car-7" / "roof" / "car-7_roof_1.mcap"
+    assert stored.read_bytes() == (folder / "car-7_roof_1.mcap").read_bytes()
+
+
+def test_only_what_the_store_gives_back_is_deleted(folder, tmp_path):
+    class Forgetful(FolderStore):
+        """Gives back other bytes than it was given."""
+
+        def read(self, name, start=0, length=None):
+            data = super().read(name, start, length)
+            return data if name.endswith(".json") else b"?" + data[1:]
+
+    with pytest.raises(SourceError, match="it was kept here"):
+        push(folder, Forgetful(tmp_path / "bad"), rate=Rate(None), delete=True)
+    assert len(list(folder.iterdir())) == 3
+    counts = push(folder, FolderStore(tmp_path / "good"), rate=Rate(None), delete=True)
+    assert counts["deleted"] == 2
+    assert [path.name for path in folder.iterdir()] == ["notes.mcap"]
+
+
+def test_a_recording_that_is_being_written_waits(folder, tmp_path):
+    with (folder / "car-7_roof_1.mcap").open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        counts = push(folder, FolderStore(tmp_path / "store"), rate=Rate(None))
+    assert (counts["uploaded"], counts["still_written"]) == (1, 1)
+
+
+def test_a_rate_is_kept():
+    now, slept = [0.0], []
+
+    def pause(seconds):
+        slept.append(seconds)
+        now[0] += seconds
+
+    rate = Rate(1000.0, lambda: now[0], pause)
+    for _ in range(5):
+        rate.spend(500)
+    assert now[0] == pytest.approx(2.0)
+    assert len(slept) == 4

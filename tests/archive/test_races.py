@@ -1,0 +1,131 @@
+"""What happens when two do the same, when a task fails, and when names are hostile: without codecs, in an instant."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import pytest
+
+from lidarcodec.archive.contents import WHOLE, Contents, commits_of
+from lidarcodec.archive.driver import KILLS, TRIES, drive
+from lidarcodec.archive.inputs import inputs_of
+from lidarcodec.archive.names import FORMAT, Commit, commit_of, id_of
+from lidarcodec.archive.product import Product, publish, read_commit
+from lidarcodec.archive.stores.base import Entry, check_name
+from lidarcodec.archive.stores.folder import FolderStore
+from lidarcodec.archive.tasks import Ended, Task
+from lidarcodec.errors import SourceError
+
+ORIGIN, SEGMENT = id_of("origin"), id_of("segment")
+
+
+def product(folder, text: str) -> Product:
+    """A segment whose recording is a text."""
+    folder.mkdir()
+    recording, table = folder / "recording.mcap", folder / "frames.parquet"
+    recording.write_text(text)
+    table.write_text(text)
+    commit = Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT)
+    names = f"car-7/roof/{SEGMENT}-{text}"
+    value = {"format": FORMAT, "segment": SEGMENT, "object": f"recordings/{names}", "table": f"frames/{names}",
+             "sha256": text, "bytes": len(text), "messages": []}  # fmt: skip
+    return Product(recording, table, commit, value)
+
+
+def test_who_comes_second_removes_what_it_wrote(tmp_path):
+    store = FolderStore(tmp_path / "store")
+    first, other = product(tmp_path / "a", "first"), product(tmp_path / "b", "other")
+    assert publish(store, first)
+    assert not publish(store, other)
+    assert publish(store, first)  # the same bytes: nothing is removed
+    assert read_commit(store, first.commit)["sha256"] == "first"
+    assert {entry.name.rpartition("-")[2] for entry in store.entries("recordings/")} == {"first"}
+
+
+def test_a_damaged_commit_is_an_error_that_names_it(tmp_path):
+    store, commit = FolderStore(tmp_path), Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT)
+    for text in (b"", b"{}", b'{"format": 99}', b"[" * 1000):
+        store.delete(commit.name)
+        store.create(commit.name, text)
+        with pytest.raises(SourceError, match="is damaged"):
+            read_commit(store, commit)
+
+
+def test_a_replaced_segment_is_not_visible(tmp_path):
+    store = FolderStore(tmp_path)
+    new = Commit("car-7", "roof", 5, 9, SEGMENT, id_of("new"))
+    for commit in (Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT), new):
+        store.create(commit.name, b"{}")
+        assert commit_of(commit.name) == commit
+    assert commits_of(store) == [new]
+    assert commits_of(store, "car-7", "roof", (10, 20)) == []
+
+
+class Scripted:
+    """An engine whose tasks end as a script says."""
+
+    slots = 1
+
+    def __init__(self, how: str) -> None:
+        self._how, self._tasks, self.counts = how, [], Counter()
+
+    def submit(self, task: Task) -> None:
+        self._tasks.append(task)
+
+    def ended(self, wait_s: float) -> list[Ended]:
+        task = self._tasks.pop()
+        self.counts[task.label] += 1
+        return [Ended(task, "done" if task.label == "good" else self._how, why="because")]
+
+    def close(self) -> None:
+        pass
+
+
+class TwoTasks:
+    """A plan of a good task and a bad one."""
+
+    inputs = finished = 0
+
+    def tasks(self):
+        for label in ("bad", "good"):
+            yield Task("cut", f"{id_of(label)}-{WHOLE}", label, "", "")
+
+    def after(self, ended):
+        return iter(())
+
+
+@pytest.mark.parametrize(
+    ("how", "tries", "aside"), [("refused", 1, True), ("failed", TRIES, True), ("late", TRIES, True),
+                                ("killed", KILLS, True), ("store", TRIES, False)],
+)  # fmt: skip
+def test_a_task_that_keeps_failing_stops_nothing(tmp_path, how, tries, aside):
+    store, engine = FolderStore(tmp_path), Scripted(how)
+    outcome = drive(TwoTasks(), engine, store, pause_s=0.0)
+    assert engine.counts == {"bad": tries, "good": 1}
+    assert outcome.counts["cut"] == 1
+    assert (outcome.aside if aside else outcome.left) == [("bad", "because")]
+    assert bool(Contents.of(store).aside) == aside
+    if aside:
+        (path,) = (tmp_path / "aside").iterdir()
+        assert json.loads(path.read_text()) == {"what": "bad", "why": "because"}
+
+
+@pytest.mark.parametrize("name", ["../a", "a/../../b", "/etc/passwd", "~/a", "a\\..\\b", "a//b", "", "a/./b", "a\nb"])
+def test_names_that_leave_their_folder_are_refused(tmp_path, name):
+    with pytest.raises(SourceError):
+        check_name(name)
+    with pytest.raises(SourceError):
+        FolderStore(tmp_path).create(name, b"")
+    found = list(inputs_of([Entry(f"{name}.pcap", 1, "")]))
+    assert all(one.refused for one in found) or name in ("", "a/./b")
+
+
+def test_a_listing_is_in_the_order_of_object_stores(tmp_path):
+    store = FolderStore(tmp_path)
+    names = ["a-b/x", "a/b/x", "a/x", "a0", "b"]
+    for name in names:
+        store.create(name, b"")
+    assert [entry.name for entry in store.entries()] == sorted(names)
+    for after in names:
+        assert [entry.name for entry in store.entries(after=after)] == [name for name in sorted(names) if name > after]

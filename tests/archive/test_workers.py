@@ -1,0 +1,81 @@
+"""Real workers: processes that are killed or hang, and a Dask cluster of processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from lidarcodec.archive.engines.processes import ProcessEngine
+from lidarcodec.archive.tasks import Task
+from tests.archive.test_archive import FRAMES, objects
+from tests.command_line import environment, run
+from tests.transport.conftest import free_port
+
+pytestmark = [pytest.mark.sweep, pytest.mark.timeout(300)]
+
+
+def test_a_worker_that_dies_or_takes_too_long_is_replaced(tmp_path):
+    engine = ProcessEngine(1, timeout_s=60.0)
+    task = Task("cut", "key", "label", str(tmp_path), str(tmp_path / "out"), {"input": {}})
+    try:
+        engine.submit(task)
+        os.kill(engine.pids[0], signal.SIGKILL)
+        (ended,) = engine.ended(30.0)
+        assert (ended.how, ended.why) == ("killed", "its process ended with SIGKILL")
+        engine.submit(task)
+        (ended,) = engine.ended(60.0)
+        assert ended.how == "failed"
+    finally:
+        engine.close()
+    late = ProcessEngine(1, timeout_s=0.01)
+    try:
+        late.submit(task)
+        (ended,) = late.ended(30.0)
+        assert ended.how == "late"
+        assert late.pids == []
+    finally:
+        late.close()
+
+
+def test_a_dask_cluster_writes_the_same_objects(drive, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra cluster")
+    port = free_port()
+    scheduler = f"tcp://127.0.0.1:{port}"
+    options = {"env": environment(), "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    words = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    processes = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words[1:]], **options)]
+    try:
+        for _ in range(2):
+            worker = ["--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard", "--no-nanny", scheduler]
+            processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "distributed.cli.dask_worker", *worker], cwd=tmp_path, **options
+                )
+            )
+        time.sleep(2.0)
+        words = ["archive", "run", drive, tmp_path / "dask", "--seconds", "1", "--json"]
+        done = run(*words, "--workers", "dask", "--scheduler", scheduler)
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["frames"] == FRAMES
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    plain = run("archive", "run", drive, tmp_path / "plain", "--seconds", "1", "--processes", "1")
+    assert plain.returncode == 0, plain.stderr
+    assert objects(tmp_path / "dask") == objects(tmp_path / "plain")
+
+
+def test_no_cluster_is_one_line(drive, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra cluster")
+    address = f"tcp://127.0.0.1:{free_port()}"
+    done = run("archive", "run", drive, tmp_path / "out", "--workers", "dask", "--scheduler", address)
+    assert done.returncode == 1
+    assert f"no Dask cluster with workers at {address}" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
