@@ -546,3 +546,24 @@ def unseen(
     ground: NDArray[numpy.uint8],
     past: Sequence[tuple[NDArray[numpy.float32], NDArray[numpy.float32]]],
 ) -> NDArray[numpy.uint8]: ...
+def encode_tile(
+    points: NDArray[numpy.uint32],
+    values: NDArray[numpy.uint16],
+    levels: int,
+    cell: int,
+    reach: int,
+    bits: Sequence[int],
+) -> bytes: ...
+def decode_tile(
+    data: bytes, count: int, levels: int, cell: int, reach: int, bits: Sequence[int]
+) -> tuple[NDArray[numpy.uint32], NDArray[numpy.uint16]]: ...
+def greedy_cover(
+    first: NDArray[numpy.int32],
+    last: NDArray[numpy.int32],
+    group: NDArray[numpy.int32],
+    rows: int,
+    groups: int,
+    enough: float,
+    spread: float,
+    most: int,
+) -> NDArray[numpy.int32]: ...

@@ -18,6 +18,7 @@ from lidarcodec.commands.convert.command import convert
 from lidarcodec.commands.cut.command import cut
 from lidarcodec.commands.evaluate import command as evaluate
 from lidarcodec.commands.join.command import join
+from lidarcodec.commands.map import command as maps
 from lidarcodec.commands.running import run as running
 from lidarcodec.commands.running.ending import WRONG_USAGE
 from lidarcodec.commands.signatures import files, fleet, live, past
@@ -37,6 +38,7 @@ app = typer.Typer(
 
 app.add_typer(token.app, name="token")
 app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(maps.app, name="map")
 app.add_typer(train.app, name="train")
 app.add_typer(bridge.app, name="bridge")
 app.add_typer(archive.app, name="archive")

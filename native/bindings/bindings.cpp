@@ -25,4 +25,5 @@ NB_MODULE(_native, m) {
   bind_session(m);
   bind_clouds(m);
   bind_reduction(m);
+  bind_maps(m);
 }

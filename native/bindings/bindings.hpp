@@ -58,3 +58,4 @@ void bind_receiver(nb::module_& m);
 void bind_session(nb::module_& m);
 void bind_clouds(nb::module_& m);
 void bind_reduction(nb::module_& m);
+void bind_maps(nb::module_& m);

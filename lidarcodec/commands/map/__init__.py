@@ -1,0 +1,1 @@
+"""`lidarcodec map`: builds, compresses, describes and exports maps for localisation."""

@@ -1,0 +1,119 @@
+"""The options of `lidarcodec map`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, SkipCount
+
+app = typer.Typer(
+    help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None
+)
+
+MapFile = Annotated[Path, typer.Argument(metavar="MAP.lcmap", show_default=False, help="A map of `map build`.")]
+Out = Annotated[Path, Option("-o", "--out", metavar="OUT.lcmap", show_default=False, help="The map to write.")]
+
+
+@app.callback()
+def _group() -> None:
+    """Build maps for localisation, and make them small."""
+
+
+@app.command()
+def build(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="SOURCE...", show_default=False, help="Drives. Several need poses in one frame."),
+    ],
+    out: Out,
+    poses: Annotated[
+        list[Path] | None,
+        Option(
+            "--poses",
+            metavar="FILE",
+            help="Poses of the sensor (.npz, TUM or KITTI), once for each SOURCE. Default: those of the simulator or of the "
+            "recording, otherwise found by registration.",
+        ),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        Option(
+            "--origin",
+            metavar="LAT,LON,HEADING",
+            help="Where the poses' origin lies, and their x axis in degrees clockwise from north. The map is in UTM then.",
+        ),
+    ] = None,
+    step: Annotated[
+        float, Option("--step", min=0.001, max=1.0, metavar="M", help="Step of coordinates. Errors are half of it.")
+    ] = 0.02,
+    least_seen: Annotated[
+        int, Option("--least-seen", min=1, max=255, metavar="N", help="Leave out cells that fewer scans hit.")
+    ] = 3,
+    every: Annotated[int, Option("--every", min=1, max=1000, metavar="N", help="Use every N-th scan.")] = 1,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Build a map of one or several drives: means of 0.2 m cells with normals and counts, without what moves."""
+    from lidarcodec.commands.map.build import Asked, run
+
+    run(Asked(sources, out, poses or [], origin, step, least_seen, every, frames, skip, calibration), force, as_json)
+
+
+@app.command()
+def compress(
+    source: MapFile,
+    out: Out,
+    keep: Annotated[
+        str | None,
+        Option("--keep", metavar="P%[,P%...]", help="Share of the points to keep. Several write OUT-20.lcmap and so on."),
+    ] = None,
+    size: Annotated[
+        int | None, Option("--bytes", min=1000, metavar="N", help="Instead keep as many points as N bytes hold.")
+    ] = None,
+    by: Annotated[
+        str,
+        Option(
+            "--by",
+            metavar="NAME",
+            help="greedy, random, voxel (means of larger cells), or lp (a linear programme, extra `maps`).",
+        ),
+    ] = "greedy",
+    normals: Annotated[bool, Option("--normals/--no-normals", help="Whether to keep normals.")] = True,
+    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of random choices.")] = 1,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Keep some of the points of a map, so that localisation still works."""
+    from lidarcodec.commands.map.compress import Asked, run
+
+    run(Asked(source, out, keep, size, by, normals, seed), force, as_json)
+
+
+@app.command()
+def info(source: MapFile, as_json: AsJson = False) -> None:
+    """Describe a map."""
+    from lidarcodec.commands.map.info import run
+
+    run(source, as_json)
+
+
+@app.command()
+def export(
+    source: MapFile,
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", show_default=False, help="A file that ends in .pcd, .ply or .las."),
+    ],
+    force: Force = False,
+) -> None:
+    """Write the points of a map for other programs."""
+    from lidarcodec.commands.map.info import run_export
+
+    run_export(source, out, force)

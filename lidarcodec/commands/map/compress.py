@@ -1,0 +1,89 @@
+"""`lidarcodec map compress`: keeps some of the points of a map."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.commands.map.build import check_map_name
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.sources import check_not_input
+from lidarcodec.errors import SettingsError
+from lidarcodec.files.whole import whole
+from lidarcodec.maps.compress import compressed, fitted
+from lidarcodec.maps.file import read_map, write_map
+from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.select.table import method
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options of `map compress`."""
+
+    source: Path
+    out: Path
+    keep: str | None
+    size: int | None
+    by: str
+    normals: bool
+    seed: int
+
+    def shares(self) -> list[float]:
+        """Shares of the points to keep, 0 to 1; empty for `--bytes`. Raises SettingsError."""
+        if (self.keep is None) == (self.size is None):
+            raise SettingsError("give either --keep, such as 5%, or --bytes N", "keep")
+        shares = []
+        for part in (self.keep or "").split(",") if self.keep is not None else ():
+            text = part.strip()
+            try:
+                share = float(text.removesuffix("%")) / 100
+            except ValueError:
+                share = 0.0
+            if not (text.endswith("%") and 0 < share <= 1):
+                raise SettingsError(f"--keep {self.keep}: write shares as in 20%,5%", "keep")
+            shares.append(share)
+        return shares
+
+    def outputs(self, shares: list[float]) -> list[Path]:
+        """The names of the maps to write: with several shares, OUT-20.lcmap for 20 %."""
+        if len(shares) < 2:
+            return [self.out]
+        return [self.out.with_name(f"{self.out.stem}-{100 * share:g}{self.out.suffix}") for share in shares]
+
+
+def run(asked: Asked, force: bool, as_json: bool) -> None:
+    """Write the maps, and print a line for each."""
+    shares = asked.shares()
+    method(asked.by)
+    outputs = asked.outputs(shares)
+    for out in outputs:
+        check_map_name(out, force=force)
+        check_not_input(out, asked.source)
+    points = read_map(asked.source)
+    if not asked.normals:
+        points = points.with_columns(*(name for name in points.columns if not name.startswith("normal")))
+    found: list[dict[str, Any]] = []
+    with progress(f"compressing {asked.source.name}", len(outputs)) as tick:
+        for out, share in zip(outputs, shares or [None], strict=True):
+            if share is None:
+                assert asked.size is not None
+                made, about = fitted(points, asked.by, asked.size, asked.seed)
+            else:
+                made, about = compressed(points, asked.by, int(share * len(points)), asked.seed)
+            found.append({"map": str(out), "bytes": _written(made, out, force), "of": len(points), **about})
+            tick()
+    if as_json:
+        print(json.dumps(found, indent=2))
+        return
+    for one in found:
+        own = {name: value for name, value in one.items() if name not in ("map", "bytes", "of", "by", "points")}
+        more = "".join(f", {name} {value:g}" for name, value in own.items())
+        print(f"{one['map']}: {one['points']:,} of {one['of']:,} points by {one['by']}, {one['bytes']:,} bytes{more}")
+
+
+def _written(points: MapPoints, out: Path, force: bool) -> int:
+    with whole(out, force=force) as output, output.beside.open("w+b") as file:
+        write_map(file, points)
+        return file.tell()

@@ -1,0 +1,165 @@
+"""Drives for a map: their scans, deskewed and moved into the world, one after the other.
+
+Poses are given (a file, the simulator's own, or those in a recording), or found: odometry by small_gicp, then every
+scan is registered in a map of all. To find them, a source is read several times; its scans are never all in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final, NamedTuple, overload
+
+import numpy as np
+
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.evaluation.rigid import Matrix, moved
+from lidarcodec.evaluation.trajectory import Scan, Trajectory, deskewed, near, odometry, refine, scan_of
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources import open_source
+from lidarcodec.sources.poses import Poses
+from lidarcodec.sources.recording import RecordingSource
+
+WHOLE: Final = 0.95
+"""A frame with at least this share of the usual width is a whole turn; others are left out."""
+FIRST_FRAMES: Final = 6
+"""Frames that say how wide a turn usually is."""
+MOST_FOUND: Final = 3000
+"""Scans whose poses are found: the map in which they are registered is in memory."""
+Tick = Callable[[], None]
+
+
+class Seen(NamedTuple):
+    """A scan in the world: points (N, 3), and the sensor's pose (4, 4) at its stamp."""
+
+    points: Matrix
+    pose: Matrix
+
+
+@dataclass(frozen=True)
+class DriveSpec:
+    """spec: the source; poses: a file of them; frames, skip: as of all commands; every: one of how many scans is used"""
+
+    spec: str
+    poses: Path | None = None
+    calibration: Path | None = None
+    frames: int | None = None
+    skip: int = 0
+    every: int = 1
+
+    def scans(self) -> Iterator[Scan]:
+        """The whole turns of the source, as they were received. Raises SourceError, PacketError, CalibrationError."""
+        with open_source(self.spec, calibration=self.calibration, poses=self.poses) as source:
+            end = None if self.frames is None else self.skip + self.frames
+            frames = islice(frames_of(source.packets(), source.sensor, "revolution"), self.skip, end)
+            first = list(islice(frames, FIRST_FRAMES))
+            usual = float(np.median([frame.width for frame in first])) if first else 0.0
+            for number, frame in enumerate(_whole((*first,), frames, usual)):
+                if number % self.every == 0:
+                    yield scan_of(frame)
+
+    def given_poses(self) -> Poses | None:
+        """Poses of a file, of the simulator, or of the frames of a recording; None if there are none."""
+        with open_source(self.spec, calibration=self.calibration, poses=self.poses) as source:
+            if source.poses is not None:
+                # those of a file without times begin with the first packet
+                return source.poses if source.start_ns is None else source.poses.starting(source.start_ns)
+            if not isinstance(source, RecordingSource) or source.channel != "messages":
+                return None
+            known = [(frame.stamp_ns, frame.pose) for frame in source.frames() if frame.pose is not None]
+        if len(known) < 2:
+            return None
+        return Poses(np.array([stamp for stamp, _ in known], np.int64), np.stack([pose for _, pose in known]))
+
+
+def _whole(first: Sequence[Frame], rest: Iterator[Frame], usual: float) -> Iterator[Frame]:
+    for frames in (first, rest):
+        yield from (frame for frame in frames if frame.width >= WHOLE * usual)
+
+
+def world_scans(drives: Sequence[DriveSpec], tick: Tick = lambda: None) -> Iterator[Iterator[Seen]]:
+    """The scans of each drive in the world. A single drive without poses gets those that are found; its first scan is
+    the origin then.
+
+    Raises SettingsError if several drives do not all have poses, SourceError.
+    """
+    poses = [drive.given_poses() for drive in drives]
+    if len(drives) > 1 and None in poses:
+        raise SettingsError(
+            f"{drives[poses.index(None)].spec} has no poses: several drives need poses in one frame, so give --poses "
+            "FILE once for each (drives are not aligned by their overlap)",
+            "poses",
+        )
+    for drive, given in zip(drives, poses, strict=True):
+        if given is None:
+            yield _by_found(drive, found_trajectory(drive, tick))
+        else:
+            yield _by_given(drive, given)
+
+
+def _by_given(drive: DriveSpec, poses: Poses) -> Iterator[Seen]:
+    for scan in drive.scans():
+        yield _seen(scan, Trajectory.from_poses(poses, [scan.stamp_ns]), 0)
+
+
+def _by_found(drive: DriveSpec, found: Trajectory) -> Iterator[Seen]:
+    for number, scan in enumerate(drive.scans()):
+        yield _seen(scan, found, number)
+
+
+def _seen(scan: Scan, found: Trajectory, at: int) -> Seen:
+    pose = found.matrices[at]
+    return Seen(moved(pose, near(deskewed(scan, found.velocities[at]))), pose)
+
+
+def found_trajectory(drive: DriveSpec, tick: Tick = lambda: None) -> Trajectory:
+    """Poses of a drive's scans by odometry and registration in a map of all of them, about 1 s a scan.
+
+    Raises SourceError for a drive of fewer than 2 or more than 3,000 scans.
+    """
+    stamps = []
+
+    def counted() -> Iterator[Scan]:
+        for scan in drive.scans():
+            if len(stamps) == MOST_FOUND:
+                raise SourceError(
+                    f"{drive.spec} has more than {MOST_FOUND} scans: give --poses FILE, or build a map of --frames N"
+                )
+            stamps.append(scan.stamp_ns)
+            yield scan
+
+    start = odometry(counted(), tick=tick)
+    if len(stamps) < 2:
+        raise SourceError(f"{drive.spec} has {len(stamps)} whole turns: too few for a map")
+    return refine(_Again(drive, len(stamps)), start, 1, tick)
+
+
+@dataclass
+class _Again(Sequence[Scan]):
+    """The scans of a drive, read again when an earlier one is asked for."""
+
+    drive: DriveSpec
+    count: int
+    _next: int = 0
+    _scans: Iterator[Scan] = field(default_factory=lambda: iter(()))
+
+    def __len__(self) -> int:
+        return self.count
+
+    @overload
+    def __getitem__(self, at: int) -> Scan: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[Scan]: ...
+
+    def __getitem__(self, at: Any) -> Any:
+        if at < self._next or not self._next:
+            self._scans, self._next = self.drive.scans(), 0
+        for scan in self._scans:
+            self._next += 1
+            if self._next == at + 1:
+                return scan
+        raise SourceError(f"{self.drive.spec} has fewer scans than when it was read before")

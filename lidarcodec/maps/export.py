@@ -1,0 +1,72 @@
+"""Maps for other programs: PCD, PLY and LAS, with normals where the map has them."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.maps.points import MapPoints
+
+ENDINGS: Final = (".pcd", ".ply", ".las")
+_NORMALS: Final = ("normal_x", "normal_y", "normal_z")
+
+
+def check_ending(path: Path) -> None:
+    """Raise SettingsError for an unknown ending, MissingExtraError for .las without laspy."""
+    if path.suffix.lower() not in ENDINGS:
+        raise SettingsError(f"cannot write {path}: its name must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
+    if path.suffix.lower() == ".las" and find_spec("laspy") is None:
+        raise MissingExtraError(f"writing {path}", "las")
+
+
+def export(points: MapPoints, path: Path, ending: str) -> None:
+    """Write a map to `path` in the format of an ending. PCD has float32, so it is right to 3 cm only in UTM."""
+    if ending == ".las":
+        _las(points, path)
+        return
+    wide = "<f8" if ending == ".ply" else "<f4"
+    rows = _rows(points, wide)
+    names = rows.dtype.names or ()
+    if ending == ".ply":
+        kinds = {"<f8": "double", "<f4": "float"}
+        fields = "".join(f"property {kinds[rows.dtype[name].str]} {name}\n" for name in names)
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{fields}end_header\n"
+    else:
+        many = len(names)
+        head = (
+            f"# .PCD v0.7\nVERSION 0.7\nFIELDS {' '.join(names)}\nSIZE{' 4' * many}\nTYPE{' F' * many}\n"
+            f"COUNT{' 1' * many}\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
+        )
+    with path.open("wb") as file:
+        file.write(head.encode())
+        file.write(rows.tobytes())
+
+
+def _rows(points: MapPoints, wide: str) -> npt.NDArray[np.void]:
+    normals = points.normals
+    slim = "<f4"
+    names = [("x", wide), ("y", wide), ("z", wide)]
+    if normals is not None:
+        names += [(f"normal_{axis}" if wide == "<f4" else f"n{axis}", slim) for axis in "xyz"]
+    rows = np.empty(len(points), np.dtype(names))
+    columns = points.xyz.T if normals is None else np.concatenate([points.xyz.T, normals.T])
+    for (name, _), values in zip(names, columns, strict=True):
+        rows[name] = values
+    return rows
+
+
+def _las(points: MapPoints, path: Path) -> None:
+    import laspy
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.generating_software = np.full(3, points.step_m), "lidarcodec"
+    least = points.steps.min(axis=0)
+    header.offsets = least * points.step_m
+    las = laspy.LasData(header)
+    las.X, las.Y, las.Z = (points.steps - least).T.astype(np.int32)
+    las.write(path)

@@ -1,0 +1,1 @@
+"""Ways to choose the points of a map that are kept; `table.py` names them."""

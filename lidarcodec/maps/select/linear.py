@@ -1,0 +1,178 @@
+"""`lp`: the integer programme of Zhang et al. for map compression, solved by its linear relaxation with HiGHS.
+
+    min q'x + lambda 1'z   so that   A x + z >= b 1,   x binary, z >= 0
+
+x says which points are kept, z by how many points a place of the path falls short of b. A says which place sees which
+point, here from the first to the last one that hit it. q is 1 - (n - min n) / (max n - min n) with the count n cut at
+100, as the authors' code has it, and a thousandth more: points that were seen often cost less, and none is free.
+
+Points that the same places see and that cost the same are one variable with an upper bound. That changes nothing in the
+programme, and makes it so small that a drive of kilometres is solved in seconds. A long path is solved in sections of
+300 places, one after the other. From the duals of all sections follows a bound below that no choice can be, and so the
+gap of the choice that was made. b is searched so that the number of points is the wanted one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import LidarCodecError, MissingExtraError
+from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.select.result import Selection, check_seen
+
+LAMBDA: Final = 0.1
+MOST_COUNT: Final = 100
+LEAST_COST: Final = 1e-3
+SECTION: Final = 300
+_TRIES: Final = 10
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """Points that are alike for the programme. first, last: places that see them; cost: q; size: their number; of: (N,)
+    group of each point"""
+
+    first: Ints
+    last: Ints
+    cost: Floats
+    size: Ints
+    of: Ints
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """taken: points of each group; value: of the programme; bound: no choice has a smaller value"""
+
+    taken: Ints
+    value: float
+    bound: float
+
+
+def linear(points: MapPoints, count: int, seed: int) -> Selection:
+    """The points of the programme with the largest b at which there are at most `count` of them.
+
+    Raises SettingsError for a map that does not say from where points were seen, MissingExtraError without HiGHS.
+    """
+    check_seen(points, "lp")
+    if find_spec("highspy") is None:
+        raise MissingExtraError("--by lp", "maps")
+    groups, places = _groups(points), len(points.path)
+    price, b, best = LAMBDA, 0.0, _solved(groups, places, 0.0, LAMBDA)
+    sees = float(((groups.last - groups.first + 1) * groups.size).sum() / places)
+    while _solved(groups, places, sees, price).taken.sum() < count and price < 1e3:
+        price *= 2  # at this price more points are not worth their cost, whatever b is
+    low, high = 0.0, sees
+    for _ in range(_TRIES):
+        middle = (low + high) / 2 if low else high / 4
+        solved = _solved(groups, places, middle, price)
+        if solved.taken.sum() <= count:
+            low, b, best = middle, middle, solved
+        else:
+            high = middle
+    gap = max(best.value - best.bound, 0.0) / max(best.bound, 1e-9)
+    about: dict[str, Any] = {"b": round(b, 1), "lambda": price, "gap": round(gap, 5)}
+    return Selection(points.taken(_members(groups, best.taken, seed)), about)
+
+
+def _groups(points: MapPoints) -> _Groups:
+    counts = np.minimum(points.columns["count"].astype(np.int64), MOST_COUNT)
+    rows = np.stack([points.columns["first"].astype(np.int64), points.columns["last"].astype(np.int64), counts], axis=1)
+    alike, of, size = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    span = max(int(counts.max() - counts.min()), 1)
+    return _Groups(alike[:, 0], alike[:, 1], 1 - (alike[:, 2] - counts.min()) / span + LEAST_COST, size.astype(np.int64), of.reshape(-1))
+
+
+def _solved(groups: _Groups, places: int, b: float, price: float) -> _Solved:
+    """The relaxation in sections, rounded and repaired."""
+    taken, duals = np.zeros(len(groups.size), np.int64), np.zeros(places)
+    for begin in range(0, places, SECTION):
+        end = min(begin + SECTION, places)
+        inside = np.flatnonzero((groups.first >= begin) & (groups.first < end))
+        short = np.maximum(b - _seen(groups, taken, places)[begin:end], 0.0)
+        if len(inside) and short.max() > 0:
+            parts, duals[begin:end] = _relaxed(groups, inside, short, begin, end, price)
+            taken[inside] = _rounded(groups, inside, parts, short, begin, end, price)
+    value = float(groups.cost @ taken + price * np.maximum(b - _seen(groups, taken, places), 0.0).sum())
+    y = np.clip(duals, 0.0, price)
+    gained = np.concatenate([[0.0], np.cumsum(y)])
+    reduced = groups.cost - (gained[groups.last + 1] - gained[groups.first])
+    bound = float(b * y.sum() + (groups.size * np.minimum(reduced, 0.0)).sum())
+    return _Solved(taken, value, bound)
+
+
+def _seen(groups: _Groups, taken: Ints | Floats, places: int) -> Floats:
+    """(places,) number of the taken points that each place sees."""
+    change = np.zeros(places + 1)
+    np.add.at(change, groups.first, taken)
+    np.add.at(change, groups.last + 1, -taken)
+    return np.cumsum(change)[:-1]
+
+
+def _relaxed(
+    groups: _Groups, inside: Ints, short: Floats, begin: int, end: int, price: float
+) -> tuple[Floats, Floats]:
+    """Parts of the groups `inside` that are taken, and the dual of each place of a section."""
+    import highspy
+
+    first = groups.first[inside] - begin
+    lengths = np.minimum(groups.last[inside], end - 1) - begin - first + 1
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    rows = np.arange(starts[-1]) - np.repeat(starts[:-1] - first, lengths)
+    count, height = len(inside), end - begin
+    model = highspy.HighsLp()
+    model.num_col_, model.num_row_ = count + height, height
+    model.col_cost_ = np.concatenate([groups.cost[inside], np.full(height, price)])
+    model.col_lower_ = np.zeros(count + height)
+    model.col_upper_ = np.concatenate([groups.size[inside].astype(np.float64), np.full(height, highspy.kHighsInf)])
+    model.row_lower_, model.row_upper_ = short, np.full(height, highspy.kHighsInf)
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_ = np.concatenate([starts, starts[-1] + 1 + np.arange(height)]).astype(np.int32)
+    model.a_matrix_.index_ = np.concatenate([rows, np.arange(height)]).astype(np.int32)
+    model.a_matrix_.value_ = np.ones(int(starts[-1]) + height)
+    solver = highspy.Highs()
+    solver.silent()
+    solver.setOptionValue("threads", 1)
+    solver.passModel(model)
+    solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        raise LidarCodecError(f"HiGHS did not solve the programme: {solver.getModelStatus().name}")
+    solution = solver.getSolution()
+    return np.array(solution.col_value)[:count], np.array(solution.row_dual)
+
+
+def _rounded(
+    groups: _Groups, inside: Ints, parts: Floats, short: Floats, begin: int, end: int, price: float
+) -> Ints:
+    """Whole numbers: each fraction is rounded down, and up again where that makes the value smaller."""
+    taken = np.floor(parts + 1e-6).astype(np.int64)
+    first, last = groups.first[inside] - begin, np.minimum(groups.last[inside], end - 1) - begin
+    left = short.copy()
+    change = np.zeros(end - begin + 1)
+    np.add.at(change, first, taken)
+    np.add.at(change, last + 1, -taken)
+    left -= np.cumsum(change)[:-1]
+    for at in np.argsort(taken - parts, kind="stable"):
+        if parts[at] - taken[at] < 1e-6:
+            break
+        saved = np.clip(left[first[at] : last[at] + 1], 0.0, 1.0).sum() * price
+        if saved > groups.cost[inside[at]]:
+            taken[at] += 1
+            left[first[at] : last[at] + 1] -= 1
+    return taken
+
+
+def _members(groups: _Groups, taken: Ints, seed: int) -> Ints:
+    """Places of points: of each group as many as are taken, by lot."""
+    lots = np.random.default_rng(seed).permutation(len(groups.of))
+    order = lots[np.argsort(groups.of[lots], kind="stable")]
+    starts = np.concatenate([[0], np.cumsum(groups.size)[:-1]])
+    rank = np.arange(len(order)) - np.repeat(starts, groups.size)
+    found: Ints = np.sort(order[rank < np.repeat(taken, groups.size)])
+    return found

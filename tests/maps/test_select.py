@@ -1,0 +1,121 @@
+"""What is kept of a map: numbers, bytes, the gap of the programme, and points where they are needed."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidarcodec import _native
+from lidarcodec.errors import SettingsError, UnknownNameError
+from lidarcodec.maps.compress import bare, compressed, file_bytes, fitted
+from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.select.table import METHODS
+from tests.maps.towns import street
+
+TOWN = street()
+
+
+@pytest.mark.parametrize("by", METHODS)
+def test_no_method_keeps_more_than_it_may_and_all_keep_normals(by):
+    if by == "lp":
+        pytest.importorskip("highspy", reason="needs the extra `maps`")
+    made, about = compressed(TOWN, by, 500)
+    assert 0.9 * 500 <= len(made) <= 500
+    assert (about["by"], about["points"]) == (by, len(made))
+    assert set(made.columns) == {"normal_a", "normal_b"}
+    assert not len(made.path)
+    again, _ = compressed(TOWN, by, 500)
+    assert np.array_equal(made.steps, again.steps)
+    if by != "voxel":
+        assert {*map(tuple, made.steps.tolist())} <= {*map(tuple, TOWN.steps.tolist())}
+
+
+def test_bytes_are_kept_to_and_nearly_used():
+    for by in ("greedy", "voxel", "random"):
+        made, _ = fitted(TOWN, by, 4000)
+        assert 3800 <= file_bytes(made) <= 4000
+
+
+def test_maps_without_counts_or_of_too_few_points_are_refused():
+    with pytest.raises(SettingsError, match="map build"):
+        compressed(bare(TOWN), "greedy", 500)
+    with pytest.raises(SettingsError, match="too small"):
+        compressed(TOWN, "greedy", 20)
+    with pytest.raises(SettingsError, match="fits into 150 bytes"):
+        fitted(TOWN, "random", 150)
+    with pytest.raises(UnknownNameError, match="learned"):
+        compressed(TOWN, "learned", 500)
+    wrong = replace(TOWN, path=TOWN.path[:3])
+    with pytest.raises(SettingsError, match="places that it does not have"):
+        compressed(wrong, "greedy", 500)
+
+
+def test_the_programme_is_solved_to_its_bound_and_rounded_well():
+    pytest.importorskip("highspy", reason="needs the extra `maps`")
+    _, about = compressed(TOWN, "lp", 500)
+    assert about["gap"] < 0.01
+    assert about["lambda"] == 0.1
+
+
+def test_the_programme_in_sections_states_a_gap_that_is_one():
+    """Twelve points and three places: the bound lies below the best of all choices, found by trying them."""
+    pytest.importorskip("highspy", reason="needs the extra `maps`")
+    from lidarcodec.maps.select import linear
+
+    random = np.random.default_rng(6)
+    first = random.integers(0, 3, 12)
+    last = np.minimum(first + random.integers(0, 2, 12), 2)
+    columns = {"count": random.integers(1, 100, 12), "first": first, "last": last}
+    points = MapPoints(
+        0.02, np.arange(36).reshape(12, 3), {name: values.astype(np.uint16) for name, values in columns.items()},
+        np.zeros((3, 3), np.float32),
+    )  # fmt: skip
+    groups = linear._groups(points)
+    cost = groups.cost[groups.of]
+    sees = np.stack([(first <= place) & (place <= last) for place in range(3)])
+    for b in (1.0, 2.5, 4.0):
+        solved = linear._solved(groups, 3, b, 0.5)
+        best = min(
+            cost @ chosen + 0.5 * np.maximum(b - sees @ chosen, 0).sum()
+            for chosen in map(np.array, itertools.product((0, 1), repeat=12))
+        )
+        assert solved.bound <= best + 1e-9
+        assert best - 1e-9 <= solved.value <= best * 1.2 + 0.5
+
+
+def test_greedy_takes_the_largest_gain_each_time():
+    """Against the same choice made slowly."""
+    random = np.random.default_rng(7)
+    count, rows, groups = 60, 9, 20
+    first = random.integers(0, rows, count).astype(np.int32)
+    last = np.minimum(first + random.integers(0, 5, count), rows - 1).astype(np.int32)
+    group = random.integers(0, groups, count).astype(np.int32)
+    taken = _native.greedy_cover(first, last, group, rows, groups, 2.5, 1.5, 25).tolist()
+    seen, used, slowly = np.zeros(rows), np.zeros(groups), []
+    for _ in range(25):
+        gains = [
+            -1.0 if at in slowly
+            else np.clip(2.5 - seen[first[at] : last[at] + 1], 0, 1).sum() + 1.5 / (used[group[at]] + 1)
+            for at in range(count)
+        ]  # fmt: skip
+        best = int(np.argmax(gains))
+        slowly.append(best)
+        seen[first[best] : last[best] + 1] += 1
+        used[group[best]] += 1
+    assert taken == slowly
+
+
+def test_greedy_keeps_points_along_the_whole_path_and_the_few_that_face_along_it():
+    along = np.array([[x * 500, y, z] for x in range(6) for y in range(0, 40, 10) for z in range(0, 40, 10)])
+    posts = replace(
+        TOWN,
+        steps=np.concatenate([TOWN.steps, along + [0, 400, 3000]]),
+        columns={
+            name: np.concatenate([values, np.full(len(along), {"normal_a": 31, "normal_b": 31, "last": 59}.get(name, 0), np.uint16)])
+            for name, values in TOWN.columns.items()
+        },
+    )  # fmt: skip
+    made, _ = compressed(posts, "greedy", 600)
+    assert np.count_nonzero(made.steps[:, 2] >= 3000) > len(along) / 2
+    assert np.histogram(made.steps[:, 0] * 0.02, bins=10, range=(0, 60))[0].min() > 20

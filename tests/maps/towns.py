@@ -1,0 +1,36 @@
+"""Small maps for tests: a street with a ground, two walls and poles, seen from a path along it."""
+
+import numpy as np
+
+from lidarcodec.maps.points import MapPoints, packed_normals
+
+
+def street(length_m=60.0, seed=1, step_m=0.02, per_m2=6.0):
+    random = np.random.default_rng(seed)
+    count = int(length_m * 10 * per_m2)
+    along = random.uniform(0, length_m, (3, count))
+    ground = np.stack([along[0], random.uniform(-5, 5, count), random.normal(0, 0.01, count)], axis=1)
+    walls = [
+        np.stack([along[at], side + random.normal(0, 0.01, count), random.uniform(0, 6, count)], axis=1)
+        for at, side in ((1, -6.0), (2, 6.0))
+    ]
+    xyz = np.concatenate([ground, *walls])
+    normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]], count, axis=0)
+    steps, chosen = np.unique(np.rint(xyz / step_m).astype(np.int64), axis=0, return_index=True)
+    a, b = packed_normals(normals[chosen])
+    path = np.stack([np.arange(0.0, length_m), np.zeros(int(length_m)), np.full(int(length_m), 1.7)], axis=1)
+    place = np.clip(steps[:, 0] * step_m, 0, length_m - 1)
+    first = np.clip(place - 20, 0, None).astype(np.uint16)
+    last = np.clip(place + 20, None, length_m - 1).astype(np.uint16)
+    counts = random.integers(1, 120, len(steps)).astype(np.uint16)
+    columns = {"normal_a": a, "normal_b": b, "count": counts, "first": first, "last": last}
+    return MapPoints(step_m, steps, columns, path.astype(np.float32), float(length_m))
+
+
+def same_points(one, other):
+    """Whether two maps have the same points with the same columns, in any order."""
+    rows = [
+        np.column_stack([points.steps, *(points.columns[name] for name in points.columns)]) for points in (one, other)
+    ]
+    rows = [found[np.lexsort(found.T)] for found in rows]
+    return list(one.columns) == list(other.columns) and np.array_equal(*rows)
