@@ -264,6 +264,16 @@ def test_numbers_that_are_none_are_no_returns_and_warn_of_nothing(pattern):
     assert len(frame.cloud("all")) == len(points) - 3
 
 
+@pytest.mark.parametrize("number", [1e300, -1e39, np.nan, np.inf])
+def test_coordinates_of_64_bits_that_no_32_hold_warn_of_nothing(number):
+    points = np.zeros(60 * 16, [(name, "<f8") for name in "xyz"])
+    turn = np.repeat(np.arange(60) * 2 * np.pi / 60, 16)
+    points["x"], points["y"], points["z"] = 9 * np.cos(turn), 9 * np.sin(turn), np.tile(np.arange(16) - 8.0, 60)
+    points["x"][100] = number
+    with np.errstate(all="raise"):
+        assert grid_of(read_message(message(points))) is not None
+
+
 @pytest.mark.parametrize("bound_m", [None, 0.02])
 def test_coordinates_that_a_broken_coder_wrote_do_not_leave_the_encoder(monkeypatch, bound_m):
     payloads = [message(velodyne(60, seed=seed)) for seed in range(18)]

@@ -148,9 +148,9 @@ def _as_before(message: CloudMessage, rings: Numbers, before: Grid) -> Grid | No
 
 def _ordered(message: CloudMessage, rings: Numbers, order: FiringOrder, name: str) -> Grid | None:
     """The grid of points that come in an order; None if it has too many columns."""
-    x, y = (np.asarray(message.values(axis)).astype(np.float32, copy=False) for axis in "xy")
     rank = np.argsort(order.firing)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # of points without a return
+        x, y = (np.asarray(message.values(axis)).astype(np.float32, copy=False) for axis in "xy")
         column = _native.columns_of_firing(rank, order.turned, order.jump, rings, x, y, message.returns.view(np.uint8))
     rows, columns = len(order.firing), int(column[-1]) + 1
     if columns > MAX_COLUMNS or rows * columns > max(8 * len(rings), 4096) or rows * columns > MAX_CELLS:
