@@ -132,8 +132,8 @@ def missed_warning(
 def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
     """The settings with some of the pinned ones left free."""
     own = {name: value for name, value in settings.codec_settings.items() if f"codec_settings.{name}" not in names}
-    free = cast(SettingChanges, {name: FREE[name] for name in names if name in FREE})
-    return settings.changed(codec_settings=own, **free)
+    free = {name: FREE[name] for name in names if name in FREE} | {"codec_settings": own}
+    return settings.changed(**cast(SettingChanges, free))
 
 
 def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float, images: ImageKind | None) -> str:
