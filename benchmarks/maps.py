@@ -13,8 +13,10 @@ from __future__ import annotations
 import argparse
 import io
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -43,7 +45,7 @@ DRIVES: Final = {
 }
 CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
 PAGE: Final = Path(__file__).resolve().parents[1] / "docs" / "guides" / "maps.md"
-SHARES: Final = (0.2, 0.1, 0.05, 0.02)
+SHARES: Final = (0.05, 0.02, 0.2, 0.1)
 METHODS: Final = ("greedy", "lp", "voxel", "random")
 STRIDE: Final = 3
 STEP_UM: Final = 20_000
@@ -81,9 +83,7 @@ def case_of(name: str, cache: Path) -> Case:
                 builder.add(moved(poses.matrices[at], drive.cloud(at, poses.velocities[at])), poses.matrices[at])
         file = io.BytesIO()
         builder.write(file)
-    clouds = {
-        at: voxel_means(drive.cloud(at, poses.velocities[at]), SCAN_CELL_M) for at in scored.tracked.tolist()
-    }
+    clouds = {at: voxel_means(drive.cloud(at, poses.velocities[at]), SCAN_CELL_M) for at in scored.tracked.tolist()}
     return Case(name, poses, scored, MapReader(file).points(), clouds)
 
 
@@ -108,25 +108,27 @@ def accuracy(case: Case, points: MapPoints) -> list[str]:
     return [millimetres, f"{judgement['lost']} of {judgement['of']}"]
 
 
-def rows(case: Case) -> Iterator[list[str]]:
-    """A row for the whole map, and one for each share and method."""
-    length_km = case.whole.length_m / 1000
+def row_of(case: Case, share: str, by: str, points: MapPoints) -> list[str]:
+    """A row of the table of localisation."""
+    size = file_bytes(points)
+    return [
+        f"{case.name} {share} {by}", f"{len(points):,}", f"{size / 1000:,.1f}",
+        f"{size / 1000 / case.whole.length_m:.3f}", f"{8 * size / len(points):.1f}", *accuracy(case, points),
+    ]  # fmt: skip
 
-    def row(share: str, by: str, points: MapPoints) -> list[str]:
-        size = file_bytes(points)
-        return [
-            f"{case.name} {share} {by}", f"{len(points):,}", f"{size / 1000:,.1f}", f"{size / 1e6 / length_km:.3f}",
-            f"{8 * size / len(points):.1f}", *accuracy(case, points),
-        ]  # fmt: skip
 
-    yield row("100 %", "whole", bare(case.whole))
-    for share in SHARES:
-        size = 0
-        for by in METHODS:
-            count = int(share * len(case.whole))
-            points = at_bytes(case.whole, by, size, count) if size else compressed(case.whole, by, count, SEED)[0]
-            size = size or file_bytes(points)
-            yield row(f"{100 * share:g} %", by, points)
+def whole_rows(case: Case) -> Iterator[list[str]]:
+    """A row for the whole map."""
+    yield row_of(case, "100 %", "whole", bare(case.whole))
+
+
+def share_rows(case: Case, share: float) -> Iterator[list[str]]:
+    """A row for each method, all with the bytes of the greedy one."""
+    count, size = int(share * len(case.whole)), 0
+    for by in METHODS:
+        points = at_bytes(case.whole, by, size, count) if size else compressed(case.whole, by, count, SEED)[0]
+        size = size or file_bytes(points)
+        yield row_of(case, f"{100 * share:g} %", by, points)
 
 
 def peer_rows(case: Case) -> Iterator[list[str]]:
@@ -136,7 +138,12 @@ def peer_rows(case: Case) -> Iterator[list[str]]:
             count = int(share * len(case.whole))
             points = case.whole if share == 1 else compressed(case.whole, by, count, SEED)[0]
             only = bare(points).with_columns()
-            sizes = {"ours": file_bytes(only), "Draco": draco(only), "LASzip": laszip(only), "PCD": 12 * len(only) + 200}
+            sizes = {
+                "ours": file_bytes(only),
+                "Draco": draco(only),
+                "LASzip": laszip(only),
+                "PCD": 12 * len(only) + 200,
+            }
             ours = sizes["ours"]
             yield [
                 f"{case.name} {100 * share:g} % {'whole' if share == 1 else by}",
@@ -181,23 +188,24 @@ def laszip(points: MapPoints) -> int:
 
 
 TABLES: Final = {
-    "localisation": ("Localisation in reduced maps", ["map", "points", "kB", "MB/km", "bits/point", "mm", "lost"], rows),
-    "size": (
-        "Positions of maps",
-        ["map", "points", "ours", "Draco", "LASzip", "PCD", "under Draco", "under LASzip"],
-        peer_rows,
-    ),
+    "localisation": ("Localisation in reduced maps", ["map", "points", "kB", "MB/km", "bits/point", "mm", "lost"]),
+    "size": ("Positions of maps", ["map", "points", "ours", "Draco", "LASzip", "PCD", "under Draco", "under LASzip"]),
 }
-"""Title, columns and function of each table, by the name of its result."""
+"""Title and columns of each table, by the name of its result."""
+
+
+def order_of(label: str) -> tuple[int, float]:
+    """Rows are ordered by drive, then by share, the largest first; methods stay in their order."""
+    drive, share, *_ = label.split()
+    return list(DRIVES).index(drive), -float(share)
 
 
 def write_page() -> None:
     """Put the tables into the guide."""
-    text = PAGE.read_text()
     for name in TABLES:
         result = results.read(f"maps/{name}")
-        text = Marks(f"<!-- figures: maps/{name} -->", "<!-- end of figures -->").filled(text, f"{result.markdown()}\n\n{result.where()}")
-    PAGE.write_text(text)
+        marks = Marks(f"<!-- figures: maps/{name} -->", f"<!-- end of maps/{name} -->")
+        marks.write(PAGE, f"{result.markdown()}\n\n{result.where()}")
 
 
 def main() -> None:
@@ -209,14 +217,18 @@ def main() -> None:
     words.add_argument("--page", action="store_true")
     asked = words.parse_args()
     found: dict[str, list[list[str]]] = {name: [] for name in TABLES}
-    for drive in () if asked.page else asked.drives.split(","):
-        case = case_of(drive, asked.cache)
-        for name, (title, columns, make) in TABLES.items():
-            for row in make(case):
-                print(*row, sep="  ", flush=True)
-                found[name].append(row)
+    cases = [] if asked.page else [case_of(drive, asked.cache) for drive in asked.drives.split(",")]
+    parts: list[tuple[str, Callable[[Case], Iterator[list[str]]]]] = [("localisation", whole_rows)]
+    parts += [("localisation", partial(share_rows, share=share)) for share in SHARES]
+    parts.insert(2, ("size", peer_rows))
+    for (name, make), case in product(parts, cases):
+        for row in make(case):
+            print(*row, sep="  ", flush=True)
+            found[name].append(row)
+            title, columns = TABLES[name]
             if asked.save:
-                results.write(f"maps/{name}", results.Result(results.here() | {"title": title}, columns, found[name]))
+                ordered = sorted(found[name], key=lambda one: order_of(one[0]))
+                results.write(f"maps/{name}", results.Result(results.here() | {"title": title}, columns, ordered))
     if asked.page:
         write_page()
 

@@ -96,6 +96,7 @@ BELOW = {
     "plane_motion": "motion base",
     "images": "plane_motion bits base",
     "clouds": "base",
+    "maps": "bits base",
     "network": "bits base",
     "predictive": "network mask bits base",
     "ranges": "base",

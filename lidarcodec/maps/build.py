@@ -1,6 +1,6 @@
 """MapBuilder: scans with poses become a map.
 
-scans -> deskewed points in the world -> cells with counts (cells.py) -> without what moves -> normals -> tiles in a file
+scans -> deskewed points in the world -> cells with counts (cells.py) -> without what moves -> normals -> tiles
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.maps.cells import EMPTY, CellGrid, Cells
 from lidarcodec.maps.file import TILE_M, Head, MapWriter
-from lidarcodec.maps.points import MOST_COUNT, NORMAL_BITS, MapFrame, packed_normals
+from lidarcodec.maps.points import LOCAL, MOST_COUNT, NORMAL_BITS, MapFrame, packed_normals
 from lidarcodec.maps.tiles import CELL_M, Tile, unlike
 
 PLACE_M: Final = 1.0
@@ -34,7 +34,7 @@ _KEPT_TILES: Final = 16
 class MapBuilder:
     """Collects scans and writes a map. folder: an empty one, for tiles that are far from the sensor"""
 
-    def __init__(self, folder: Path, step_um: int, frame: MapFrame = MapFrame(), least_seen: int = LEAST_SEEN) -> None:
+    def __init__(self, folder: Path, step_um: int, frame: MapFrame = LOCAL, least_seen: int = LEAST_SEEN) -> None:
         self._grid = CellGrid(CELL_M, TILE_M, folder)
         self._step_um, self._frame, self._least_seen = step_um, frame, least_seen
         self.path: list[Matrix] = []
@@ -93,7 +93,9 @@ class MapBuilder:
         normals = _normals(means, static.around(tile))
         corner = np.array([*(np.array(tile) * head.width), -(1 << 40)])
         last = corner + np.array([head.width - 1, head.width - 1, 1 << 41])
-        steps = np.clip(np.rint(means / head.step_m).astype(np.int64), corner, last)  # a mean may round to the next tile
+        steps = np.clip(
+            np.rint(means / head.step_m).astype(np.int64), corner, last
+        )  # a mean may round to the next tile
         chosen = unlike(steps)
         a, b = packed_normals(normals)
         counts = np.minimum(cells.hits, MOST_COUNT)

@@ -86,7 +86,7 @@ class CellGrid:
         """
         if look_through:
             self._look_through(points, sensor)
-        # near the origin, because coordinates of UTM are too large for a grid of cells; by whole tiles, which keeps cells
+        # near the origin, because coordinates of UTM are too large for the grid; by whole tiles, so that cells stay
         near = np.floor(sensor / self._tile_m) * self._tile_m
         means = voxel_means(points - near, self._cell_m) + near
         tiles = np.floor(means[:, :2] / self._tile_m).astype(np.int64)

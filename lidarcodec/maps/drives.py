@@ -41,7 +41,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveSpec:
-    """spec: the source; poses: a file of them; frames, skip: as of all commands; every: one of how many scans is used"""
+    """spec: the source; poses: a file of them; frames, skip: as of all commands; every: 1 of how many scans is used"""
 
     spec: str
     poses: Path | None = None

@@ -40,7 +40,8 @@ def export(points: MapPoints, path: Path, ending: str) -> None:
         many = len(names)
         head = (
             f"# .PCD v0.7\nVERSION 0.7\nFIELDS {' '.join(names)}\nSIZE{' 4' * many}\nTYPE{' F' * many}\n"
-            f"COUNT{' 1' * many}\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
+            f"COUNT{' 1' * many}\nWIDTH {len(rows)}\nHEIGHT 1\n"
+            f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
         )
     with path.open("wb") as file:
         file.write(head.encode())

@@ -23,17 +23,24 @@ import numpy.typing as npt
 
 from lidarcodec import _native
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
-from lidarcodec.errors import ChecksumError, DecodeError, HeaderError, SourceError, TruncatedError, UnsupportedVersionError
+from lidarcodec.errors import (
+    ChecksumError,
+    DecodeError,
+    HeaderError,
+    SourceError,
+    TruncatedError,
+    UnsupportedVersionError,
+)
 from lidarcodec.files.regular import open_regular
-from lidarcodec.maps.points import COLUMNS, MapFrame, MapPoints
+from lidarcodec.maps.points import COLUMNS, LOCAL, MapFrame, MapPoints
 from lidarcodec.maps.tiles import MOST_PLACE, POINTS_PER_BYTE, Tile, decode_tile, encode_tile, tiles_of
 
 MAGIC: Final = b"LCMAP\r\n\x1a"
 VERSION: Final = (1, 0)
 TILE_M: Final = 50
 HEAD: Final = struct.Struct("<8s BB BB I I B?2x 3d d QI QI QQ 8B8B")
-"""Magic, version, columns, 0, step in micrometres, steps of a tile, UTM zone, south, origin, length, offset and number of
-the path, offset and number of the index, points, 0, names and bits of columns. A CRC-32C follows."""
+"""Magic, version, columns, 0, step in micrometres, steps of a tile, UTM zone, south, origin, length, offset and number
+of the path, offset and number of the index, points, 0, names and bits of columns. A CRC-32C follows."""
 HEAD_BYTES: Final = HEAD.size + 4
 LEAST_STEP_UM, MOST_STEP_UM = 1_000, 1_000_000
 MOST_PATH: Final = 1 << 16
@@ -55,7 +62,7 @@ class Head:
 
     step_um: int
     columns: Mapping[str, int]
-    frame: MapFrame = MapFrame()
+    frame: MapFrame = LOCAL
 
     @property
     def step_m(self) -> float:
@@ -226,7 +233,12 @@ def _head_of(fields: tuple[int | float | bytes, ...]) -> Head:
     names = {number: name for name, number in COLUMNS.items()}
     numbers, bits = fields[19:27], fields[27:35]
     known = {names.get(number, ""): bit for number, bit in zip(numbers[:columns], bits, strict=False)}  # type: ignore[call-overload, misc]
-    if columns > len(names) or "" in known or len(known) != columns or not all(1 <= bit <= 16 for bit in known.values()):
+    if (
+        columns > len(names)
+        or "" in known
+        or len(known) != columns
+        or not all(1 <= bit <= 16 for bit in known.values())
+    ):
         raise HeaderError("a map has columns that this program does not know", HEAD.size - 16)
     if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or zone > 60:
         raise HeaderError("a map has a step of less than 1 mm or more than 1 m, or a zone of UTM that is not there", 12)

@@ -36,6 +36,9 @@ class MapFrame:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+LOCAL: Final = MapFrame()
+
+
 @dataclass(frozen=True)
 class MapPoints:
     """Points of a map.
@@ -50,7 +53,7 @@ class MapPoints:
     columns: dict[str, Values] = field(default_factory=dict)
     path: npt.NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
     length_m: float = 0.0
-    frame: MapFrame = MapFrame()
+    frame: MapFrame = LOCAL
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -58,8 +61,7 @@ class MapPoints:
     @property
     def xyz(self) -> Matrix:
         """(N, 3) float64, metres."""
-        metres: Matrix = self.steps * self.step_m
-        return metres
+        return self.steps.astype(np.float64) * np.float64(self.step_m)
 
     @property
     def normals(self) -> Matrix | None:

@@ -14,9 +14,12 @@ import lz4.frame
 import numpy as np
 import zstandard
 
+from lidarcodec._native import crc32c
 from lidarcodec.commands.certs.command import _read as read_deployment
 from lidarcodec.commands.publish.config import read as read_config
+from lidarcodec.entropy.varint import put_varint
 from lidarcodec.evaluation.trajectory import Trajectory
+from lidarcodec.maps.file import HEAD, HEAD_BYTES, MAGIC, read_map
 from lidarcodec.network.weight_file import read_weights
 from lidarcodec.sensors import read_calibration
 from lidarcodec.sources import open_source
@@ -44,6 +47,28 @@ def empty_records(folder):
         for _ in range(40):
             file.write(block)
     return path
+
+
+def many_points(folder):
+    """A map whose first tile says that it has four million points, in 1 MiB of zeros; all checksums are right."""
+    tile = bytearray()
+    for number in (0, 0, 0, 4_000_000, 8, 10, 3, 0):
+        put_varint(tile, number)
+    tile += bytes(MIB - len(tile))
+    checked = crc32c(bytes(tile)).to_bytes(4, "little") + bytes(tile)
+    index = bytearray()
+    for number in (0, 0, len(checked)):
+        put_varint(index, number)
+    path_at = HEAD_BYTES + len(checked)
+    head = HEAD.pack(
+        MAGIC, 1, 0, 0, 0, 20_000, 2500, 0, False, 0.0, 0.0, 0.0, 1.0, path_at, 0, path_at + 4, 1, 4_000_000, 0,
+        *[0] * 16,
+    )  # fmt: skip
+    parts = [head, b"", bytes(index)]
+    head, path, end = (part + crc32c(part).to_bytes(4, "little") for part in parts)
+    where = folder / "many.lcmap"
+    where.write_bytes(head + checked + path + end)
+    return where
 
 
 def plain_records(folder):
@@ -283,6 +308,7 @@ BOMBS = {
         lambda f: text(f, "a.lcrw", b"LCRW\x01" + struct.pack("<I", 2**31) + b"[" * (4 * MIB)),
         read_weights,
     ),
+    "map, many points": ("map", many_points, read_map),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
     "config, no end": ("config", endless, read_config),
     "zenoh, depth": ("zenoh", lambda f: text(f, "z.json5", "[" * 400_000), options_in),

@@ -107,15 +107,19 @@ def test_greedy_takes_the_largest_gain_each_time():
 
 
 def test_greedy_keeps_points_along_the_whole_path_and_the_few_that_face_along_it():
-    along = np.array([[x * 500, y, z] for x in range(6) for y in range(0, 40, 10) for z in range(0, 40, 10)])
-    posts = replace(
+    """Thirty points face along the street, among ten thousand that do not."""
+    along = np.array([[x * 100, 200, 100 + z] for x in range(10) for z in range(0, 30, 10)])
+    values = {"normal_a": 31, "normal_b": 31, "count": 50, "first": 0, "last": 59}
+    town = replace(
         TOWN,
-        steps=np.concatenate([TOWN.steps, along + [0, 400, 3000]]),
+        steps=np.concatenate([TOWN.steps, along]),
         columns={
-            name: np.concatenate([values, np.full(len(along), {"normal_a": 31, "normal_b": 31, "last": 59}.get(name, 0), np.uint16)])
-            for name, values in TOWN.columns.items()
+            name: np.append(column, np.full(len(along), values[name], np.uint16))
+            for name, column in TOWN.columns.items()
         },
-    )  # fmt: skip
-    made, _ = compressed(posts, "greedy", 600)
-    assert np.count_nonzero(made.steps[:, 2] >= 3000) > len(along) / 2
+    )
+    made, _ = compressed(town, "greedy", 600)
+    by_lot, _ = compressed(town, "random", 600)
+    facing = [np.count_nonzero(made.normals[:, 0] > 0.9) for made in (made, by_lot)]
+    assert facing[0] > max(4 * facing[1], 8)
     assert np.histogram(made.steps[:, 0] * 0.02, bins=10, range=(0, 60))[0].min() > 20

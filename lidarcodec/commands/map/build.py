@@ -45,7 +45,7 @@ class Asked:
         """The drives with their poses. Raises SettingsError."""
         if self.poses and len(self.poses) != len(self.sources):
             raise SettingsError(
-                f"there are {len(self.sources)} sources and {len(self.poses)} files of poses: give --poses once for each",
+                f"{len(self.sources)} sources have {len(self.poses)} files of poses: give --poses once for each",
                 "poses",
             )
         for source in self.sources:
@@ -72,7 +72,9 @@ def placed(origin: str | None) -> tuple[Matrix, MapFrame]:
     try:
         latitude, longitude, heading = map(float, origin.split(","))
     except ValueError:
-        raise SettingsError(f"--origin {origin}: write LAT,LON,HEADING in degrees, as in 49.01,8.43,90", "origin") from None
+        raise SettingsError(
+            f"--origin {origin}: write LAT,LON,HEADING in degrees, as in 49.01,8.43,90", "origin"
+        ) from None
     if not (LATITUDES[0] <= latitude <= LATITUDES[1] and abs(longitude) <= 180 and math.isfinite(heading)):
         raise SettingsError(f"--origin {origin}: UTM covers latitudes -80 to 84 and longitudes -180 to 180", "origin")
     east, north, zone, convergence = utm_of(latitude, longitude)
@@ -114,7 +116,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
         print(json.dumps(found, indent=2))
         return
     print(
-        f"{found['map']}: {points_written:,} points of {builder.scans} scans over {builder.length_m:.1f} m, {size:,} bytes; "
-        f"left out: {builder.moving:,} cells that were seen through, {builder.seldom:,} that fewer than "
-        f"{asked.least_seen} scans hit"
+        f"{found['map']}: {points_written:,} points of {builder.scans} scans over {builder.length_m:.1f} m, "
+        f"{size:,} bytes; left out: {builder.moving:,} cells that were seen through, {builder.seldom:,} that fewer "
+        f"than {asked.least_seen} scans hit"
     )

@@ -10,9 +10,7 @@ from typer import Option
 
 from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, SkipCount
 
-app = typer.Typer(
-    help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None
-)
+app = typer.Typer(help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None)
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP.lcmap", show_default=False, help="A map of `map build`.")]
 Out = Annotated[Path, Option("-o", "--out", metavar="OUT.lcmap", show_default=False, help="The map to write.")]
@@ -35,8 +33,8 @@ def build(
         Option(
             "--poses",
             metavar="FILE",
-            help="Poses of the sensor (.npz, TUM or KITTI), once for each SOURCE. Default: those of the simulator or of the "
-            "recording, otherwise found by registration.",
+            help="Poses of the sensor (.npz, TUM or KITTI), once for each SOURCE. Default: those of the simulator or "
+            "of the recording, otherwise found by registration.",
         ),
     ] = None,
     origin: Annotated[
@@ -72,7 +70,7 @@ def compress(
     out: Out,
     keep: Annotated[
         str | None,
-        Option("--keep", metavar="P%[,P%...]", help="Share of the points to keep. Several write OUT-20.lcmap and so on."),
+        Option("--keep", metavar="P%[,P%...]", help="Share of the points. Several write OUT-20.lcmap ..."),
     ] = None,
     size: Annotated[
         int | None, Option("--bytes", min=1000, metavar="N", help="Instead keep as many points as N bytes hold.")

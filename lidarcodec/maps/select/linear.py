@@ -86,7 +86,13 @@ def _groups(points: MapPoints) -> _Groups:
     rows = np.stack([points.columns["first"].astype(np.int64), points.columns["last"].astype(np.int64), counts], axis=1)
     alike, of, size = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     span = max(int(counts.max() - counts.min()), 1)
-    return _Groups(alike[:, 0], alike[:, 1], 1 - (alike[:, 2] - counts.min()) / span + LEAST_COST, size.astype(np.int64), of.reshape(-1))
+    return _Groups(
+        alike[:, 0],
+        alike[:, 1],
+        1 - (alike[:, 2] - counts.min()) / span + LEAST_COST,
+        size.astype(np.int64),
+        of.reshape(-1),
+    )
 
 
 def _solved(groups: _Groups, places: int, b: float, price: float) -> _Solved:
@@ -115,9 +121,7 @@ def _seen(groups: _Groups, taken: Ints | Floats, places: int) -> Floats:
     return np.cumsum(change)[:-1]
 
 
-def _relaxed(
-    groups: _Groups, inside: Ints, short: Floats, begin: int, end: int, price: float
-) -> tuple[Floats, Floats]:
+def _relaxed(groups: _Groups, inside: Ints, short: Floats, begin: int, end: int, price: float) -> tuple[Floats, Floats]:
     """Parts of the groups `inside` that are taken, and the dual of each place of a section."""
     import highspy
 
@@ -147,9 +151,7 @@ def _relaxed(
     return np.array(solution.col_value)[:count], np.array(solution.row_dual)
 
 
-def _rounded(
-    groups: _Groups, inside: Ints, parts: Floats, short: Floats, begin: int, end: int, price: float
-) -> Ints:
+def _rounded(groups: _Groups, inside: Ints, parts: Floats, short: Floats, begin: int, end: int, price: float) -> Ints:
     """Whole numbers: each fraction is rounded down, and up again where that makes the value smaller."""
     taken = np.floor(parts + 1e-6).astype(np.int64)
     first, last = groups.first[inside] - begin, np.minimum(groups.last[inside], end - 1) - begin

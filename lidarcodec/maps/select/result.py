@@ -19,9 +19,11 @@ def check_seen(points: MapPoints, by: str) -> None:
     """Raise SettingsError if a map does not say from where its points were seen."""
     if not {"count", "first", "last"} <= points.columns.keys() or not len(points.path):
         raise SettingsError(
-            f"--by {by} needs to know from where points were seen: give the map of `map build`, not a compressed one", "by"
+            f"--by {by} needs to know from where points were seen: give the map of `map build`, not a compressed one",
+            "by",
         )
-    if int(points.columns["last"].max(initial=0)) >= len(points.path) or (
-        points.columns["first"] > points.columns["last"]
-    ).any():
+    if (
+        int(points.columns["last"].max(initial=0)) >= len(points.path)
+        or (points.columns["first"] > points.columns["last"]).any()
+    ):
         raise SettingsError("the map says that points were seen from places that it does not have", "by")
