@@ -89,6 +89,11 @@ def test_frames_by_time_and_by_condition(filled):
         list(found.frames(between=("yesterday", "today")))
 
 
+def test_points_of_some_frames(filled, tmp_path):
+    archive("get", filled, tmp_path / "some.ply", "--where", "frame = 1")
+    assert (tmp_path / "some.ply").stat().st_size > 10_000
+
+
 def test_a_recording_of_some_frames_is_read_by_decode(filled, tmp_path):
     archive("get", filled, tmp_path / "some.mcap", "--where", "frame = 1")
     expected = [frame.stamp_ns for frame in open_archive(filled).frames(where="frame = 1")]

@@ -106,7 +106,7 @@ def get(
         typer.Argument(
             metavar="OUT",
             show_default=False,
-            help="Packets (.pcap), a recording (.mcap), clouds (.ply .las .npz), or a folder of KITTI .bin files.",
+            help="Packets (.pcap), a recording (.mcap), points (.ply .pcd .las .laz .csv), images (.npz), or a folder.",
         ),
     ],
     vehicle: Annotated[str | None, Option("--vehicle", metavar="NAME", help="Only this vehicle.")] = None,

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from lidarcodec.archive.archive import Archive, Coded, time_ns
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
-from lidarcodec.commands.outputs import check_output, contents_of, open_output
+from lidarcodec.commands.convert.frames import NO_CLOUD
+from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -19,8 +20,10 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.recording import RecordingWriter
 
-RECORDING = ".mcap"
-LATEST_NS = (1 << 63) - 1
+RECORDING: Final = ".mcap"
+FOLDER: Final = "kitti"
+"""Format of the files in a folder."""
+LATEST_NS: Final = (1 << 63) - 1
 
 
 Stopped = Callable[[], bool]
@@ -54,7 +57,7 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
     if is_recording:
         check_free(out, force=force)
     else:
-        check_output(out, force=force)
+        check_output(out, form_of(out, folder=FOLDER), force=force)
     opened = Archive(archive)
     with (
         stoppable() as stopped,
@@ -75,11 +78,12 @@ def _frames(
     watched = Watched(opened.decoded(**arguments), stopped)
     found = iter(watched)
     first = _first(found)
-    writer, count = open_output(out, output.beside), 0
+    form, count = form_of(out, folder=FOLDER), 0
+    writer = open_output(out, form, output.beside)
     try:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)
-            writer.write(frame)
+            writer.write(frame, frame.cloud() if form.points else NO_CLOUD)
             count += 1
             tick()
     except BaseException:
