@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite, check_not_input, check_recorded
 from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, moved
@@ -104,7 +104,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
             points_written = builder.write(file, tick)
             size = file.tell()
     found = {
-        "map": str(output.kept or asked.out),
+        "output": str(output.kept or asked.out),
         "scans": builder.scans,
         "length_m": round(builder.length_m, 1),
         "points": points_written,
@@ -112,11 +112,9 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
         "moving": builder.moving,
         "seldom": builder.seldom,
     }
-    if as_json:
-        print(json.dumps(found, indent=2))
-        return
-    print(
-        f"{found['map']}: {points_written:,} points of {builder.scans} scans over {builder.length_m:.1f} m, "
+    text = (
+        f"{found['output']}: {points_written:,} points of {builder.scans} scans over {builder.length_m:.1f} m, "
         f"{size:,} bytes; left out: {builder.moving:,} cells that were seen through, {builder.seldom:,} that fewer "
         f"than {asked.least_seen} scans hit"
     )
+    tell(found, text, as_json)

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from lidarcodec.commands.results.maps import MapBuilt, MapCompressed, MapExported, MapInfo
+from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, SkipCount
 
 app = typer.Typer(help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None)
@@ -22,6 +24,7 @@ def _group() -> None:
 
 
 @app.command()
+@prints(MapBuilt)
 def build(
     sources: Annotated[
         list[str],
@@ -42,7 +45,8 @@ def build(
         Option(
             "--origin",
             metavar="LAT,LON,HEADING",
-            help="Where the poses' origin lies, and their x axis in degrees clockwise from north. The map is in UTM then.",
+            help="Where the poses' origin lies, and the degrees of their x axis clockwise from north. The map "
+            "is then in UTM.",
         ),
     ] = None,
     step: Annotated[
@@ -65,6 +69,7 @@ def build(
 
 
 @app.command()
+@prints(list[MapCompressed])
 def compress(
     source: MapFile,
     out: Out,
@@ -95,6 +100,7 @@ def compress(
 
 
 @app.command()
+@prints(MapInfo)
 def info(source: MapFile, as_json: AsJson = False) -> None:
     """Describe a map."""
     from lidarcodec.commands.map.info import run
@@ -103,6 +109,7 @@ def info(source: MapFile, as_json: AsJson = False) -> None:
 
 
 @app.command()
+@prints(MapExported)
 def export(
     source: MapFile,
     out: Annotated[
@@ -110,8 +117,9 @@ def export(
         typer.Argument(metavar="OUT", show_default=False, help="A file that ends in .pcd, .ply or .las."),
     ],
     force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write the points of a map for other programs."""
     from lidarcodec.commands.map.info import run_export
 
-    run_export(source, out, force)
+    run_export(source, out, force, as_json)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lidarcodec.commands.map.build import check_map_name
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import whole
@@ -72,15 +72,15 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
                 made, about = fitted(points, asked.by, asked.size, asked.seed)
             else:
                 made, about = compressed(points, asked.by, int(share * len(points)), asked.seed)
-            found.append({"map": str(out), "bytes": _written(made, out, force), "of": len(points), **about})
+            found.append({"output": str(out), "bytes": _written(made, out, force), "of": len(points), **about})
             tick()
-    if as_json:
-        print(json.dumps(found, indent=2))
-        return
-    for one in found:
-        own = {name: value for name, value in one.items() if name not in ("map", "bytes", "of", "by", "points")}
-        more = "".join(f", {name} {value:g}" for name, value in own.items())
-        print(f"{one['map']}: {one['points']:,} of {one['of']:,} points by {one['by']}, {one['bytes']:,} bytes{more}")
+    tell(found, "\n".join(map(_line, found)), as_json)
+
+
+def _line(one: dict[str, Any]) -> str:
+    own = {name: value for name, value in one.items() if name not in ("output", "bytes", "of", "by", "points")}
+    more = "".join(f", {name} {value:g}" for name, value in own.items())
+    return f"{one['output']}: {one['points']:,} of {one['of']:,} points by {one['by']}, {one['bytes']:,} bytes{more}"
 
 
 def _written(points: MapPoints, out: Path, force: bool) -> int:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.files.whole import check_free, whole
@@ -42,15 +42,15 @@ def run(source: Path, as_json: bool) -> None:
             "most_m": [round(value, 3) for value in high] if places else None,
             "path_places": len(reader.path),
         }
-    if as_json:
-        print(json.dumps(found, indent=2))
-        return
-    for name, value in found.items():
-        if value is not None:
-            print(f"{name:<16} {', '.join(map(str, value)) if isinstance(value, list) else value}")
+    lines = (
+        f"{name:<16} {', '.join(map(str, value)) if isinstance(value, list) else value}"
+        for name, value in found.items()
+        if value is not None
+    )
+    tell(found, "\n".join(lines), as_json)
 
 
-def run_export(source: Path, out: Path, force: bool) -> None:
+def run_export(source: Path, out: Path, force: bool, as_json: bool) -> None:
     """Write the points in the format of the output's ending."""
     check_ending(out)
     check_free(out, force=force)
@@ -58,4 +58,5 @@ def run_export(source: Path, out: Path, force: bool) -> None:
     points = read_map(source)
     with whole(out, force=force) as output:
         export(points, output.beside, out.suffix.lower())
-    print(f"{output.kept or out}: {len(points):,} points")
+    kept = str(output.kept or out)
+    tell({"output": kept, "points": len(points)}, f"{kept}: {len(points):,} points", as_json)

@@ -1,0 +1,80 @@
+"""`map build`, `compress`, `info` and `export` from end to end."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lidarcodec.maps.file import read_map
+from tests.command_line import run_here, the_one_line
+
+SOURCE = "sim:street?frames=5&traffic=0"
+
+
+def printed(*words):
+    ran = run_here("map", *words, "--json")
+    assert ran.returncode == 0, ran.stderr
+    return json.loads(ran.stdout)
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory):
+    out = tmp_path_factory.mktemp("map") / "town.lcmap"
+    made = printed("build", SOURCE, "-o", out, "--least-seen", 2)
+    assert made["points"] == len(read_map(out)) > 5000
+    assert made["bytes"] == out.stat().st_size
+    return out
+
+
+def test_a_map_is_compressed_described_and_exported(town, tmp_path):
+    twenty, five = printed("compress", town, "-o", tmp_path / "s.lcmap", "--keep", "20%,5%")
+    assert twenty["output"] == str(tmp_path / "s-20.lcmap")
+    assert twenty["bytes"] > five["bytes"]
+    (fitted,) = printed("compress", town, "-o", tmp_path / "b.lcmap", "--bytes", 4000, "--by", "voxel", "--no-normals")
+    assert 3700 <= fitted["bytes"] == (tmp_path / "b.lcmap").stat().st_size <= 4000
+    found = printed("info", tmp_path / "s-5.lcmap")
+    assert (found["points"], found["frame"], found["columns"]) == (five["points"], "local", ["normal_a", "normal_b"])
+    for ending, before in ((".pcd", b"DATA binary\n"), (".ply", b"end_header\n")):
+        out = tmp_path / f"s{ending}"
+        assert printed("export", tmp_path / "s-5.lcmap", out)["points"] == five["points"]
+        rows = out.read_bytes().partition(before)[2]
+        assert len(rows) == five["points"] * (24 if ending == ".pcd" else 36)
+
+
+def test_a_map_in_utm_is_the_local_one_turned_and_moved(town, tmp_path):
+    out = tmp_path / "utm.lcmap"
+    printed("build", SOURCE, "-o", out, "--least-seen", 2, "--origin", "49.0,8.4,90")
+    local, utm = read_map(town), read_map(out)
+    assert utm.frame.zone == 32
+    assert np.abs(np.median(utm.xyz, axis=0) - np.median(local.xyz, axis=0) - [456114.59, 5427629.21, 0]).max() < 1.5
+
+
+@pytest.mark.parametrize(
+    ("words", "named", "code"),
+    [
+        (["build", SOURCE, "sim:city?frames=2", "-o", "a.lcmap", "--poses", "p.npz"], "--poses once for each", 2),
+        (["build", SOURCE, "-o", "a.pcd"], ".lcmap", 2),
+        (["build", "sim:street", "-o", "a.lcmap"], "--frames", 2),
+        (["build", SOURCE, "-o", "a.lcmap", "--origin", "north"], "LAT,LON,HEADING", 2),
+        (["compress", "a.lcmap", "-o", "b.lcmap"], "--keep", 2),
+        (["compress", "a.lcmap", "-o", "b.lcmap", "--keep", "5"], "20%,5%", 2),
+        (["compress", "a.lcmap", "-o", "b.lcmap", "--keep", "5%", "--by", "learned"], "learned", 2),
+        (["info", "a.lcmap"], "a.lcmap", 1),
+        (["export", "a.lcmap", "a.obj"], ".pcd", 2),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line_and_leaves_nothing(words, named, code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = run_here("map", *words)
+    assert ran.returncode == code
+    assert named in the_one_line(ran)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_drives_need_poses(tmp_path):
+    capture = tmp_path / "street.pcap"
+    assert run_here("simulate", SOURCE, capture).returncode == 0
+    ran = run_here("map", "build", SOURCE, capture, "-o", tmp_path / "a.lcmap")
+    assert ran.returncode == 2
+    assert "several drives need poses in one frame" in the_one_line(ran)
+    assert not (tmp_path / "a.lcmap").exists()
