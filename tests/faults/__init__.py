@@ -13,6 +13,8 @@ ROWS = (
     "messages_repeated",
     "disk_full",
     "server_restarted",
+    "past_fetched",
+    "past_killed",
     "clock_jumped",
     "hostile_rest",
     "hostile_zenoh",

@@ -58,7 +58,7 @@ class Router:
 def main(endpoints: dict[str, str]) -> None:
     with open_transport(Endpoints.of(**({"mode": "router"} | endpoints))):
         os.write(1, b"ready\n")
-        threading.Event().wait(600)
+        threading.Event().wait(3600)
 
 
 if __name__ == "__main__":

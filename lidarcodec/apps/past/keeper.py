@@ -42,6 +42,8 @@ KEY_S: Final = 1.0
 SYNC_S: Final = 0.5
 LOOK_S: Final = 5.0
 """Interval at which the totals for the status are counted."""
+LOOK_SHARE: Final = 0.005
+"""Largest share of the time that counting takes: with many files the interval grows."""
 WATCH_S: Final = 1.0
 """Interval at which conditions are looked at."""
 MARK_NS: Final = 15 * 10**9
@@ -107,6 +109,7 @@ class Keeper:
         self._earlier: Counter[str] = Counter()
         self._encoder: StreamEncoder | None = None
         self._key_ns: int | None = None
+        self._look_s = LOOK_S
         self._synced_s = self._looked_s = self._watched_s = float("-inf")
         self._thread = threading.Thread(target=self._run, name="lidarcodec keeper", daemon=True)
 
@@ -212,9 +215,10 @@ class Keeper:
         if now - self._synced_s >= SYNC_S:
             self._synced_s = now
             self._files.sync()
-        if now - self._looked_s >= LOOK_S:
+        if now - self._looked_s >= self._look_s:
             self._looked_s = now
             self.kept.look()
+            self._look_s = max(LOOK_S, (time.monotonic() - now) / LOOK_SHARE)
         if self._conditions and now - self._watched_s >= WATCH_S:
             self._watched_s = now
             self._watch()

@@ -192,6 +192,9 @@ class Kept:
             return []
 
     def _piece(self, name: str, at_ns: int) -> bytes:
+        with self._lock:  # most questions are about a piece that was just read: then no file is looked at
+            if name in self._read:
+                return self._read[name]
         for path, span in self._files():
             if not span.begin_ns <= at_ns <= span.end_ns + GAP_NS:
                 continue
