@@ -79,7 +79,7 @@ fuzz: $(STAMPS)/dev $(NATIVE) ## hostile bytes: the core under AddressSanitizer,
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
 	$(BIN)/python -m benchmarks.soak $(ARGS)
 
-faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (17 min)
+faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (14 min)
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
 

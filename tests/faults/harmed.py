@@ -23,7 +23,7 @@ LOST_TIMES = {"pcodec": 1.2, "predictive": 1.5, "riddle": 1.5, "h264": 3.0}
 """Most frames that may be lost for each message that is lost or late."""
 CHANCE = 2
 """Frames more that may be lost, because few messages are."""
-WHOLE_S, HARMED_S = 6.0, 15.0
+WHOLE_S, HARMED_S = 5.0, 12.0
 
 
 def played(codec: str, harm: Harm, *, whole_s: float = WHOLE_S, harmed_s: float = HARMED_S) -> dict[str, Any]:
@@ -71,16 +71,22 @@ def played(codec: str, harm: Harm, *, whole_s: float = WHOLE_S, harmed_s: float 
 
 def harmed(fault: str, harm: Harm, reported: str) -> Outcome:
     """The row of a harm, with all codecs."""
-    figures = {codec: played(codec, harm) for codec in CODECS}
-    lost = ", ".join(f"{one['missing']} of {one['indices']} with {codec}" for codec, one in figures.items())
-    hit = ", ".join(str(one["dropped"] + one["late"]) for one in figures.values())
+    return outcome(fault, {codec: played(codec, harm) for codec in CODECS}, reported)
+
+
+def outcome(fault: str, figures: dict[str, dict[str, Any]], reported: str) -> Outcome:
+    """The row of these figures."""
+    lost = ", ".join(
+        f"{codec} {one['missing']} of {one['indices']} ({one['dropped'] + one['late']}; {slow(one):.0f})"
+        for codec, one in figures.items()
+    )
     latency = ", ".join(
         f"{one['latency p95 ms']:.0f} ({one['latency p95 ms without harm']:.0f})" for one in figures.values()
     )
     return Outcome(
         fault,
         max(one["outage s"] for one in figures.values()),
-        f"{lost} frames; messages lost or late: {hit}",
+        lost,
         f"{reported}; latency at the 95th percentile (without harm): {latency} ms",
         figures,
         [text for codec, one in figures.items() for text in wrong(codec, one)],
@@ -89,11 +95,15 @@ def harmed(fault: str, harm: Harm, reported: str) -> Outcome:
 
 def wrong(codec: str, figures: dict[str, Any]) -> list[str]:
     """What is worse than a lost message may cost. A machine that is too slow for a codec loses frames without harm."""
-    slow = figures["missing without harm"] * figures["indices"] / (10.0 * WHOLE_S)
-    most = LOST_TIMES[codec] * (figures["dropped"] + figures["late"]) + slow + CHANCE
+    most = LOST_TIMES[codec] * (figures["dropped"] + figures["late"]) + slow(figures) + CHANCE
     found = [f"{codec}: {figures['missing']} frames lost, {most:.0f} may be"] if figures["missing"] > most else []
     unknown = set(figures["errors"]) - {"missing_references"}
     return found + ([f"{codec}: errors {figures['errors']}"] if unknown else [])
+
+
+def slow(figures: dict[str, Any]) -> float:
+    """Frames that are lost in that time without harm."""
+    return float(figures["missing without harm"]) * figures["indices"] / (10.0 * WHOLE_S)
 
 
 def _p95_ms(frames: list[dict[str, Any]]) -> float:
