@@ -22,7 +22,7 @@ from tests.apps.streams import Loop
 from tests.transport.test_contract import eventually
 
 KEYS = StreamKeys()
-GROUPS = StreamSettings(codec="jpeg-layered", codec_settings={"group": 8}, intensity="off")
+GROUPS = StreamSettings(codec="jpeg-layered", codec_settings={"group": 8}, intensity="off", framing="packets")
 
 
 class Slow:
