@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.archive.archive import Archive, Coded, time_ns
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
-from lidarcodec.commands.convert.frames import NO_CLOUD
+from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
