@@ -31,9 +31,7 @@ MapCompressed = TypedDict(
         "cell_m": NotRequired[Annotated[float, "of voxel: width of a cell"]],
         "b": NotRequired[Annotated[float, "of lp: points that each place should see"]],
         "lambda": NotRequired[Annotated[float, "of lp: price of a point that a place lacks"]],
-        "gap": NotRequired[
-            Annotated[float, "of lp: by what share the value lies above a bound below all choices"]
-        ],
+        "gap": NotRequired[Annotated[float, "of lp: by what share the value lies above a bound below all choices"]],
     },
 )
 MapCompressed.__doc__ = "A map of `map compress`."
