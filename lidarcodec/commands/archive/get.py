@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -12,7 +11,7 @@ from lidarcodec.archive.archive import Archive, Coded, time_ns
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.outputs.base import NO_CLOUD
-from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, open_output
+from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -58,48 +57,42 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
         check_free(out, force=force)
     else:
         check_output(out, form_of(out, folder=FOLDER), force=force)
-    opened = Archive(archive)
+    store = Archive(archive)
     with (
         stoppable() as stopped,
         progress("fetching") as tick,
         whole(out, force=force, contents=None if is_recording else contents_of(out)) as output,
     ):
         write = _recording if is_recording else _frames
-        frames, cut = write(opened, arguments, out, output, stopped, tick)
+        frames, cut = write(store, arguments, out, output, stopped, tick)
         if cut:
             raise StoppedError(f"stopped: {out} was not written")
     tell({"output": str(output.kept), "frames": frames}, f"{output.kept}: {frames} frames", as_json)
 
 
 def _frames(
-    opened: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
+    store: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
 ) -> tuple[int, bool]:
     """Write decoded frames. Returns their number, and whether a signal ended it."""
-    watched = Watched(opened.decoded(**arguments), stopped)
+    watched = Watched(store.decoded(**arguments), stopped)
     found = iter(watched)
     first = _first(found)
     form, count = form_of(out, folder=FOLDER), 0
-    writer = open_output(out, form, output.beside)
-    try:
+    with opened(out, form, output.beside) as writer:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)
             writer.write(frame, frame.cloud() if form.points else NO_CLOUD)
             count += 1
             tick()
-    except BaseException:
-        with suppress(Exception):
-            writer.close()
-        raise
-    writer.close()
     return count, watched.cut
 
 
 def _recording(
-    opened: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
+    store: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
 ) -> tuple[int, bool]:
     """The messages as they are, with those before them that decoding needs."""
     del out
-    watched: Watched[Coded] = Watched(opened.messages(**arguments), stopped)
+    watched: Watched[Coded] = Watched(store.messages(**arguments), stopped)
     found = iter(watched)
     first, count = _first(found), 0
     names = first.commit.vehicle, first.commit.sensor
