@@ -2,7 +2,7 @@
 
 >>> east, north, zone, convergence = utm_of(49.0, 8.4)
 >>> round(east, 2), round(north, 2), zone, round(convergence, 4)
-(456114.59, 5427629.21, 32, -0.4528)
+(456114.6, 5427629.2, 32, -0.4528)
 """
 
 from __future__ import annotations
