@@ -51,20 +51,22 @@ class Cells(NamedTuple):
 
     def taken(self, chosen: npt.NDArray[np.bool_]) -> Cells:
         """Some of the cells."""
-        return Cells(*(part[chosen] for part in self))
+        return Cells(*[part[chosen] for part in self])  # type: ignore[arg-type]
 
 
-EMPTY: Final = Cells(np.empty(0, np.int64), np.empty((0, 3)), *(np.empty(0, np.int64) for _ in range(4)))
+EMPTY: Final = Cells(np.empty(0, np.int64), np.empty((0, 3)), *[np.empty(0, np.int64)] * 4)
 
 
 def joined(parts: list[Cells]) -> Cells:
     """The cells of several parts as one, with sums and counts added up."""
-    together = Cells(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    together = Cells(*[np.concatenate(columns) for columns in zip(*parts, strict=True)])
     keys, at = np.unique(together.keys, return_inverse=True)
     first, last = np.full(len(keys), np.iinfo(np.int64).max), np.zeros(len(keys), np.int64)
     np.minimum.at(first, at, together.first)
     np.maximum.at(last, at, together.last)
-    sums = np.stack([np.bincount(at, together.sums[:, axis], len(keys)) for axis in range(3)], axis=1)
+    sums: Matrix = np.stack(
+        [np.bincount(at, together.sums[:, axis], len(keys)).astype(np.float64) for axis in range(3)], axis=1
+    )
     hits, through = (np.bincount(at, part, len(keys)).astype(np.int64) for part in (together.hits, together.through))
     return Cells(keys, sums, hits, through, first, last)
 

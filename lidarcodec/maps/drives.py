@@ -120,7 +120,7 @@ def found_trajectory(drive: DriveSpec, tick: Tick = lambda: None) -> Trajectory:
 
     Raises SourceError for a drive of fewer than 2 or more than 3,000 scans.
     """
-    stamps = []
+    stamps: list[int] = []
 
     def counted() -> Iterator[Scan]:
         for scan in drive.scans():
@@ -142,12 +142,12 @@ class _Again(Sequence[Scan]):
     """The scans of a drive, read again when an earlier one is asked for."""
 
     drive: DriveSpec
-    count: int
+    size: int
     _next: int = 0
     _scans: Iterator[Scan] = field(default_factory=lambda: iter(()))
 
     def __len__(self) -> int:
-        return self.count
+        return self.size
 
     @overload
     def __getitem__(self, at: int) -> Scan: ...

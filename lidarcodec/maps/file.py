@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, NamedTuple, Self
+from typing import Any, BinaryIO, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -226,13 +226,13 @@ def read_map(path: Path) -> MapPoints:
             raise SourceError(f"cannot read the map {path}: {error}") from None
 
 
-def _head_of(fields: tuple[int | float | bytes, ...]) -> Head:
+def _head_of(fields: tuple[Any, ...]) -> Head:
     _, major, minor, columns, _, step_um, width, zone, south, *rest = fields
     if major != VERSION[0]:
         raise UnsupportedVersionError(f"a map of version {major}.{minor!r}: this program reads {VERSION[0]}", 8)
     names = {number: name for name, number in COLUMNS.items()}
     numbers, bits = fields[19:27], fields[27:35]
-    known = {names.get(number, ""): bit for number, bit in zip(numbers[:columns], bits, strict=False)}  # type: ignore[call-overload, misc]
+    known = {names.get(number, ""): bit for number, bit in zip(numbers[:columns], bits, strict=False)}
     if (
         columns > len(names)
         or "" in known

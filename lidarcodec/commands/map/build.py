@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Final
 
@@ -54,7 +55,7 @@ class Asked:
             check_not_input(self.out, source)
         return [
             DriveSpec(source, poses, self.calibration, self.frames, self.skip, self.every)
-            for source, poses in zip(self.sources, self.poses or [None] * len(self.sources), strict=True)
+            for source, poses in zip(self.sources, self.poses or repeat(None, len(self.sources)), strict=True)
         ]
 
 

@@ -66,7 +66,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
         points = points.with_columns(*(name for name in points.columns if not name.startswith("normal")))
     found: list[dict[str, Any]] = []
     with progress(f"compressing {asked.source.name}", len(outputs)) as tick:
-        for out, share in zip(outputs, shares or [None], strict=True):
+        for out, share in zip(outputs, shares or (None,), strict=True):
             if share is None:
                 assert asked.size is not None
                 made, about = fitted(points, asked.by, asked.size, asked.seed)
