@@ -33,7 +33,7 @@ for source in $sources; do
   echo "$source"
 done | xargs -P "${JOBS:-2}" -I{} sh -c '
   name=$(basename $(dirname {}))-$(basename {} .cpp)
-  case $name in frames-plane_section) level=-O2 ;; wasm-api | images-heads | images-following | plane_motion-* | motion-fixed_angle | pco-groups | session-* | base-* | frames-* | sensors-* | network-update | network-weight_file | predictive-coder | planes-azimuth_coder | planes-keep_coder | mask-*) level=-Os ;; *) level=-O2 ;; esac
+  case $name in wasm-api | images-heads | images-following | plane_motion-* | motion-fixed_angle | motion-warp | pco-groups | session-* | base-* | frames-* | sensors-* | network-update | network-weight_file | predictive-coder | planes-azimuth_coder | planes-keep_coder | mask-*) level=-Os ;; *) level=-O2 ;; esac
   exec ${CXX_WASM_LAUNCHER:-} '"$cxx"' --target=wasm32-wasi -std=c++20 $level -msimd128 -mbulk-memory -D__SSE2__ -ffp-contract=off \
     -fexceptions -fvisibility=hidden -ffunction-sections -fdata-sections -Wall -Wextra -MMD -MF "'"$objects"'/$name.d" \
     -Inative/wasm/sse2 -Inative/src -Inative/wasm -c {} -o "'"$objects"'/$name.o"'
