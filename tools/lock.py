@@ -106,7 +106,6 @@ def write() -> None:
                 "3.11",
             ]
             command += [
-                "--generate-hashes",
                 "--constraint",
                 str(ROOT / "constraints.txt"),
                 "--no-emit-index-url",
