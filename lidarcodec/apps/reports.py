@@ -91,6 +91,7 @@ STATUS_FIELDS = frozenset(
         "worker_restarts",
         "source",
         "recording",
+        "past",
         "certificate",
         "gate",
         "reports",

@@ -185,7 +185,8 @@ class _Sensor:
             if not self._stop.is_set():
                 logger.warning("%s: what is kept cannot be fetched: %s", self.keys.prefix, error)
             return
-        self._stop.wait()
+        while not self._stop.wait(TICK_S):
+            pass
         for one in declared:
             one.close()
 

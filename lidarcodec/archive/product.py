@@ -218,5 +218,5 @@ def _messages(path: Path, step_m: float) -> Iterator[tuple[Place, dict[str, Any]
 
 
 def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -13,7 +13,6 @@ of
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -46,6 +45,7 @@ from lidarcodec.training.annotation_folder import AnnotationFolder, Labels, Scan
 from lidarcodec.training.ground import ground_finder
 from lidarcodec.training.labels import NAMES, SHARE, labels_of, threshold_of
 from lidarcodec.units import FRAME_COLUMNS
+from lidarcodec.untrusted.children import safe_path
 from lidarcodec.untrusted.npz import read_npy
 
 WARM_UP: Final = 5
@@ -286,19 +286,6 @@ def _label_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
         drive.folder.write_labels(k, Labels(images[0].T.copy(), images[1].T.copy(), least))
 
 
-@contextmanager
-def _safe_path() -> Iterator[None]:
-    """Keep new processes from importing modules from the current folder: `spawn` does not pass -P to Python."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        os.environ.pop("PYTHONSAFEPATH")
-        if before is not None:
-            os.environ["PYTHONSAFEPATH"] = before
-
-
 def _spread(
     work: Callable[[Path, AnnotationSettings, int], None],
     folder: AnnotationFolder,
@@ -317,7 +304,7 @@ def _spread(
         _drive.cache_clear()
         return
     spawn = get_context("spawn")
-    with _safe_path(), ProcessPoolExecutor(min(workers, len(firsts)), mp_context=spawn) as pool:
+    with safe_path(), ProcessPoolExecutor(min(workers, len(firsts)), mp_context=spawn) as pool:
         pieces: list[Future[None]] = [pool.submit(work, path, settings, first) for first in firsts]
         try:
             for piece in as_completed(pieces):

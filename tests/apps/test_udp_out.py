@@ -93,7 +93,7 @@ def udp(driver):
 
 def frames_of(count: int, first: int = 0) -> list[Frame]:
     source = Loop(count, first=first)
-    assembler = Assembler(source.sensor)
+    assembler = Assembler(source.sensor, "packets")
     return [frame for packet in source.packets() if (frame := assembler.push(packet)) is not None]
 
 

@@ -58,7 +58,7 @@ class PieceStore:
         """Give a complete piece its name, on the disk by then. False: its bytes were wrong, and are gone."""
         part = self._part(name)
         try:
-            with part.open("rb") as file:
+            with open_regular(part) as file:
                 if hashlib.sha256(file.read()).hexdigest() != name:
                     part.unlink()
                     return False

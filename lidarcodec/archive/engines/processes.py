@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from lidarcodec.archive.scratch import forget
 from lidarcodec.archive.tasks import Ended, Task, work
+from lidarcodec.untrusted.children import safe_path
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +76,8 @@ class _Worker:
     def __init__(self, context: Any, scratch: str) -> None:
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, scratch), daemon=True)
-        self._process.start()
+        with safe_path():
+            self._process.start()
         theirs.close()
         self.pid: int = self._process.pid
         self.task: Task | None = None

@@ -16,6 +16,7 @@ from lidarcodec.archive.stores.base import Entry, Store
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verdict import broken_promises, missing_parts
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
+from lidarcodec.files.regular import open_regular
 
 
 def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
@@ -35,7 +36,7 @@ def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any
 
 
 def _compared(path: Path, found: dict[str, Any], source: Store) -> dict[str, Any]:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         whole = hashlib.file_digest(file, "sha256").hexdigest() == found["sha256"]
     broken = [] if whole else ["the checksum of the recording is not that of its commit"]
     recorded, comparison = RecordedFrames(path), Comparison()
