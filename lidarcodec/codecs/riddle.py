@@ -94,6 +94,7 @@ class NetworkRanges:
         self._nets = _nets_of(self._weights, own.effort)
         self._learner: Learner | None = None
         self._update: Update | None = None
+        self._told: Update | None = None
         self._tells = False
 
     def take(self, settings: InForce[RiddleSettings]) -> bool:
@@ -106,7 +107,7 @@ class NetworkRanges:
             begins = (_name_of(weights), own.effort) != (_name_of(self._current), before.effort)
         if begins or own.expects != before.expects:
             self._nets = _nets_of(weights, own.effort)
-            self._learner, self._update = None, None
+            self._learner, self._update, self._told = None, None, None
         self._weights, self._own, self._settings = weights, own, settings
         return begins
 
@@ -125,7 +126,10 @@ class NetworkRanges:
         coded, free = coded_ranges(self._coder(learned), frame, reference, stream, quick=True, samples=samples)
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)
-        self._tells, learned.told = learned.told is not self._update, self._update
+        # Without memory no frame refers to another: an update is told once, and whoever lost it asks for a key frame.
+        told = learned.told if self._own.memory else self._told
+        self._tells = told is not self._update
+        self._told = learned.told = self._update
         name = bytes.fromhex(_name_of(self._current)) or bytes(_NAME_BYTES)
         return CodedRanges(with_step(stream.step, bytes([self._own.effort]) + name + coded), free)
 

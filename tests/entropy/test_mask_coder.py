@@ -220,7 +220,7 @@ def test_real_frames_cost_at_most_a_fifth_of_a_bit_a_point(data_file):
 
 
 def test_the_real_s3_capture(data_file):
-    (frame,) = frames(data_file("hdl64e_s3_atwall.pcap"), data_file("calib_ros_64e_s3-xiesc.yaml"), 1)
+    frame, *_ = frames(data_file("hdl64e_s3_atwall.pcap"), data_file("calib_ros_64e_s3-xiesc.yaml"), 1)
     assert 0.3 < frame.fired[1].mean() < 0.4
     data = encode_mask(frame.valid, frame.fired, frame.sensor)
     np.testing.assert_array_equal(decode_mask(data, frame.fired, frame.sensor), frame.valid)

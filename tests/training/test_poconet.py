@@ -121,7 +121,7 @@ def test_wrong_settings_and_drives_without_labels_are_refused(drive: Path, tmp_p
 
 def test_the_commands_train_measure_and_write_the_file_of_the_reducers(drive: Path, tmp_path: Path) -> None:
     done = run_here("train", "poconet", str(drive), "--out", str(tmp_path / "poconet.pt"), "--epochs", "1",
-                    "--points", "512", "--test", str(drive))  # fmt: skip
+                    "--points", "512", "--test", str(drive), "--json")  # fmt: skip
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["steps"] == 2
