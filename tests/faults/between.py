@@ -113,11 +113,11 @@ class Between:
         self._begin_s = None
 
     def close(self) -> None:
+        self._there.close()  # first: what is under way would be sent into a closed session
+        self._back.close()
         self._near.close()
         self._far.close()
         self._thread.join(5)
-        self._there.close()
-        self._back.close()
 
     def _pass_frames(self) -> None:
         while (data := self._inbox.receive()) is not None:

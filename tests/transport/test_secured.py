@@ -211,6 +211,13 @@ def refused(path: Path, change=lambda tls, auth: None) -> None:
     changed.unlink()
 
 
+def says(secured: Secured, reason: str, act) -> None:
+    """The router's log gives the reason for what is done."""
+    before = len(secured.router.log)
+    act()
+    assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
+
+
 def test_strangers_do_not_get_in_and_the_router_says_why(secured, tmp_path, caplog):
     anna = secured.folder / "viewer-anna.json5"
     deployment(tmp_path, secured.auth, port=secured.port)
@@ -220,22 +227,30 @@ def test_strangers_do_not_get_in_and_the_router_says_why(secured, tmp_path, capl
         del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
         tls["enable_mtls"] = False
 
-    def says(reason, act):
-        before = len(secured.router.log)
-        act()
-        assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
-
-    says("UnknownCA", lambda: refused(tmp_path / "viewer-anna.json5"))
+    says(secured, "UnknownCA", lambda: refused(tmp_path / "viewer-anna.json5"))
     assert "again until it works" in caplog.text
     if secured.auth == "certificate":
         other = tmp_path / "viewer-anna.json5"
         key = "root_ca_certificate_base64"
-        says("UnknownIssuer", lambda: refused(other, lambda tls, auth: tls.update({key: own[key]})))
-        says("peer sent no certificates", lambda: refused(anna, without_certificate))
-    else:
-        says("Invalid password", lambda: refused(anna, lambda tls, auth: auth.update(password="guessed")))
-        says("Invalid user", lambda: refused(anna, lambda tls, auth: auth.update(user="nobody")))
-        says("UsrPwd", lambda: refused(anna, lambda tls, auth: auth.clear()))
+        says(secured, "UnknownIssuer", lambda: refused(other, lambda tls, auth: tls.update({key: own[key]})))
+        says(secured, "peer sent no certificates", lambda: refused(anna, without_certificate))
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        ("Invalid password", lambda tls, auth: auth.update(password="guessed")),
+        ("Invalid user", lambda tls, auth: auth.update(user="nobody")),
+        ("UsrPwd", lambda tls, auth: auth.clear()),
+    ],
+)
+def test_who_is_not_known_by_password_is_refused_with_the_reason(tmp_path, reason, change):
+    """Each with a router of its own: an address that tries passwords is barred after a few."""
+    made = Secured(tmp_path, "password")
+    try:
+        says(made, reason, lambda: refused(tmp_path / "viewer-anna.json5", change))
+    finally:
+        made.close()
 
 
 def test_who_was_removed_may_do_nothing_any_more(tmp_path):
