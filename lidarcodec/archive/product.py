@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.coded_recording import CodedRecording
 from lidarcodec.evaluation.metrics import RangeErrors
 from lidarcodec.evaluation.verify import bound_of, promise_of
+from lidarcodec.files.digest import sha256_of
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import payload_bytes
@@ -116,7 +116,7 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
         coded.close()
     if not coded.frames:
         raise SourceError("it has no frame")
-    digest = _sha256(path)
+    digest = sha256_of(path)
     names = f"{about.vehicle}/{about.sensor}/{about.segment}-{digest[:16]}"
     fields = {
         "vehicle": about.vehicle,
@@ -215,8 +215,3 @@ def _messages(path: Path, step_m: float) -> Iterator[tuple[Place, dict[str, Any]
                 int(header.key), needs,
             )  # fmt: skip
             yield place, {"codec": codecs.codec_name(header.codec), "bound_m": bound_m}
-
-
-def _sha256(path: Path) -> str:
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from lidarcodec.archive.stores.base import Entry, Store
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verdict import broken_promises, missing_parts
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
-from lidarcodec.files.regular import open_regular
+from lidarcodec.files.digest import sha256_of
 
 
 def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
@@ -36,8 +35,7 @@ def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any
 
 
 def _compared(path: Path, found: dict[str, Any], source: Store) -> dict[str, Any]:
-    with open_regular(path) as file:
-        whole = hashlib.file_digest(file, "sha256").hexdigest() == found["sha256"]
+    whole = sha256_of(path) == found["sha256"]
     broken = [] if whole else ["the checksum of the recording is not that of its commit"]
     recorded, comparison = RecordedFrames(path), Comparison()
     one = _input(found, source)

@@ -140,7 +140,7 @@ def _relaxed(groups: _Groups, inside: Ints, short: Floats, begin: int, end: int,
     model.a_matrix_.start_ = np.concatenate([starts, starts[-1] + 1 + np.arange(height)]).astype(np.int32)
     model.a_matrix_.index_ = np.concatenate([rows, np.arange(height)]).astype(np.int32)
     model.a_matrix_.value_ = np.ones(int(starts[-1]) + height)
-    solver = highspy.Highs()
+    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]  # it has no types for its methods
     solver.silent()
     solver.setOptionValue("threads", 1)
     solver.passModel(model)
