@@ -218,37 +218,50 @@ def says(secured: Secured, reason: str, act) -> None:
     assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
 
 
-def test_strangers_do_not_get_in_and_the_router_says_why(secured, tmp_path, caplog):
-    anna = secured.folder / "viewer-anna.json5"
-    deployment(tmp_path, secured.auth, port=secured.port)
-    own = json.loads(anna.read_text().partition("\n")[2])["transport"]["link"]["tls"]
-
-    def without_certificate(tls, auth):
-        del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
-        tls["enable_mtls"] = False
-
-    says(secured, "UnknownCA", lambda: refused(tmp_path / "viewer-anna.json5"))
-    assert "again until it works" in caplog.text
-    if secured.auth == "certificate":
-        other = tmp_path / "viewer-anna.json5"
-        key = "root_ca_certificate_base64"
-        says(secured, "UnknownIssuer", lambda: refused(other, lambda tls, auth: tls.update({key: own[key]})))
-        says(secured, "peer sent no certificates", lambda: refused(anna, without_certificate))
+def foreign(folder: Path, made: Secured) -> Path:
+    """Anna's file of another deployment, whose authority nobody here knows."""
+    other = folder / "other"
+    other.mkdir()
+    deployment(other, made.auth, port=made.port)
+    return other / "viewer-anna.json5"
 
 
-@pytest.mark.parametrize(
-    ("reason", "change"),
-    [
-        ("Invalid password", lambda tls, auth: auth.update(password="guessed")),
-        ("Invalid user", lambda tls, auth: auth.update(user="nobody")),
-        ("UsrPwd", lambda tls, auth: auth.clear()),
-    ],
-)
-def test_who_is_not_known_by_password_is_refused_with_the_reason(tmp_path, reason, change):
-    """Each with a router of its own: an address that tries passwords is barred after a few."""
-    made = Secured(tmp_path, "password")
+def foreign_but_trusting(folder: Path, made: Secured) -> None:
+    """Who trusts this deployment, with a certificate of another."""
+    own = json.loads(anna(made).read_text().partition("\n")[2])["transport"]["link"]["tls"]
+    key = "root_ca_certificate_base64"
+    refused(foreign(folder, made), lambda tls, auth: tls.update({key: own[key]}))
+
+
+def without_certificate(tls: dict, auth: dict) -> None:
+    del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
+    tls["enable_mtls"] = False
+
+
+def anna(made: Secured) -> Path:
+    return made.folder / "viewer-anna.json5"
+
+
+STRANGERS = [
+    ("certificate", "UnknownCA", lambda folder, made: refused(foreign(folder, made))),
+    ("certificate", "UnknownIssuer", foreign_but_trusting),
+    ("certificate", "peer sent no certificates", lambda folder, made: refused(anna(made), without_certificate)),
+    ("password", "UnknownCA", lambda folder, made: refused(foreign(folder, made))),
+    ("password", "Invalid password", lambda _, made: refused(anna(made), lambda _, auth: auth.update(password="x"))),
+    ("password", "Invalid user", lambda _, made: refused(anna(made), lambda _, auth: auth.update(user="nobody"))),
+    ("password", "UsrPwd", lambda _, made: refused(anna(made), lambda _, auth: auth.clear())),
+]
+
+
+@pytest.mark.parametrize(("auth", "reason", "tried"), STRANGERS)
+def test_strangers_do_not_get_in_and_the_router_says_why(tmp_path, caplog, auth, reason, tried):
+    """Each with a router of its own, because an address that fails a few times is barred."""
+    (tmp_path / "own").mkdir()
+    made = Secured(tmp_path / "own", auth)
     try:
-        says(made, reason, lambda: refused(tmp_path / "viewer-anna.json5", change))
+        tried(tmp_path, made)
+        assert eventually(lambda: reason in made.router.log), made.router.log
+        assert "again until it works" in caplog.text
     finally:
         made.close()
 
