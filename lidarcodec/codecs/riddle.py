@@ -126,7 +126,7 @@ class NetworkRanges:
         coded, free = coded_ranges(self._coder(learned), frame, reference, stream, quick=True, samples=samples)
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)
-        # Without memory no frame refers to another: an update is told once, and whoever lost it asks for a key frame.
+        # Without memory no frame refers to another, and an update is sent once. Who lost it asks for a key frame.
         told = learned.told if self._own.memory else self._told
         self._tells = told is not self._update
         self._told = learned.told = self._update

@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 import lidarcodec
-from lidarcodec_server.live.recordings import MAX_DOWNLOADS_A_CLIENT
+from lidarcodec_server.live.download import MOST_A_CLIENT
 from tests.server.live import running
 from tests.server.test_recordings import ALL, STREAM, frames_of, recorded
 from tests.transport.test_contract import eventually
@@ -107,7 +107,7 @@ def test_who_goes_in_the_middle_keeps_no_place_and_no_recording(there):
     (big / file.name).write_bytes(bytes(64 << 20))
     path, some = f"{ALL}/{big.name}/download", {"Range": "bytes=0-9"}
     with ExitStack() as idle:
-        for _ in range(MAX_DOWNLOADS_A_CLIENT):
+        for _ in range(MOST_A_CLIENT):
             idle.enter_context(begun(server, path))
         assert client.get(path, headers=some).status_code == 429
         assert client.delete(f"{ALL}/{big.name}").status_code == 409, "somebody still reads it"

@@ -13,7 +13,7 @@ from lidarcodec.errors import SourceError
 
 _PAGE: Final = 1000
 _RETRIES: Final[Any] = {"max_retries": 8, "retry_timeout": timedelta(seconds=90)}
-"""Of a request that the store refuses for now (errors 500 and 503, cut connections)."""
+"""Repetitions of a request that the store may answer later (errors 500 and 503, cut connections)."""
 
 
 class BucketStore(Store):

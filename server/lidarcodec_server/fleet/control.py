@@ -216,7 +216,7 @@ class Control:
         try:
             applied = self._result(keys, self._ask(keys.control_reset, {}, self._answer_s))
         except RefusedError as error:  # its own settings cannot be used now, for example without a process for a codec
-            self._warnings.warning("%s keeps the settings of operators for now: %s", keys.prefix, error)
+            self._warnings.warning("%s cannot return to its own settings yet: %s", keys.prefix, error)
             return None
         if applied is not None:
             self._resets.discard(keys)

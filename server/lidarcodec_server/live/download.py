@@ -1,7 +1,9 @@
-"""Download: the bytes of a recording as an answer. The recording cannot be deleted before the answer ends."""
+"""Downloads: recordings and clips as answers. Few at once, of all clients and of each."""
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -9,14 +11,40 @@ from typing import Final
 from starlette.responses import FileResponse
 from starlette.types import Message, Receive, Scope, Send
 
+from lidarcodec_server.limits import TooManyError
 from lidarcodec_server.problems import ProblemError
 
+MOST, MOST_A_CLIENT, AGAIN_S = 16, 4, 10
 MEDIA_TYPE: Final = "application/octet-stream"
 """MCAP has no registered media type."""
 REASONS: Final = {
     400: "the header Range cannot be read: write bytes=FIRST-LAST",
-    416: "the header Range begins behind the end of the recording",
+    416: "the header Range begins behind the end of the file",
 }
+
+
+class Downloads:
+    """The places for downloads. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: Counter[str] = Counter()
+
+    def take(self, client: str) -> Callable[[], None]:
+        """Take a place; the function that is returned gives it back. client: name of the client
+
+        Raises TooManyError.
+        """
+        with self._lock:
+            if self._running.total() >= MOST or self._running[client] >= MOST_A_CLIENT:
+                raise TooManyError("too many downloads are running: try again when one has ended", AGAIN_S)
+            self._running[client] += 1
+
+        def give_back() -> None:
+            with self._lock:
+                self._running -= Counter([client])
+
+        return give_back
 
 
 class Download(FileResponse):

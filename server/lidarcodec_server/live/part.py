@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.memory import MemoryTransport
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.live.download import Downloads
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.metrics import LiveMetrics
 from lidarcodec_server.live.recordings import Limits, Recordings
@@ -32,7 +33,7 @@ async def live(app: FastAPI) -> AsyncIterator[None]:
     shelf = Shelf(config.recordings, max_total_bytes=config.max_recordings_bytes)
     limits = Limits(config.max_recording_s, config.max_recording_bytes)
     recordings = Recordings(shelf, hub, _opener(config, service), limits)
-    app.state.hub, app.state.recordings = hub, recordings
+    app.state.hub, app.state.recordings, app.state.downloads = hub, recordings, Downloads()
     metrics = LiveMetrics(hub, recordings)
     service.metrics.registry.register(metrics)
     try:

@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.limits import TooManyError
 from lidarcodec_server.live.download import Download
 from lidarcodec_server.live.holding import Hold
 from lidarcodec_server.live.hub import LiveHub
@@ -35,8 +33,6 @@ LOOK_S: Final = 0.5
 END_S: Final = 30.0
 """Longest wait for the end of a recording or a playback, because a disk may not respond."""
 MAX_PLAYING: Final = 4
-MAX_DOWNLOADS, MAX_DOWNLOADS_A_CLIENT = 16, 4
-DOWNLOAD_AGAIN_S: Final = 10
 MAX_RECORDING: Final = 64
 _FOREVER_BYTES: Final = 2**62
 T = TypeVar("T")
@@ -125,7 +121,6 @@ class Recordings:
         self._active: dict[StreamKeys, _Active] = {}
         self._playing: dict[str, Playback] = {}
         self._unwritten: dict[str, Recording] = {}
-        self._downloads: Counter[str] = Counter()
         self._loop = asyncio.get_running_loop()
         self._disk = ThreadPoolExecutor(4, "lidarcodec shelf")
 
@@ -216,27 +211,27 @@ class Recordings:
                 raise
         self._unwritten.pop(name, None)
 
-    async def download(self, name: str, client: str) -> Download:
-        """The answer with the bytes of a recording. client: name of the client, which has a limit of its own
+    async def download(self, name: str, ended: Callable[[], object]) -> Download:
+        """The answer with the bytes of a recording, which cannot be deleted before `ended` is called.
 
-        Raises MissingRecordingError, BusyRecordingError while it is being recorded, StorageError, TooManyError.
+        Raises MissingRecordingError, BusyRecordingError while it is being recorded, StorageError. Then `ended` is not
+        called.
         """
         recording = await self.one(name)
         if recording.state == "recording":
             raise BusyRecordingError(f"recording {name} is still running: stop it first")
-        if self._downloads.total() >= MAX_DOWNLOADS or self._downloads[client] >= MAX_DOWNLOADS_A_CLIENT:
-            raise TooManyError("too many downloads are running: try again when one has ended", DOWNLOAD_AGAIN_S)
-        self._downloads[client] += 1
-        ending = contextlib.ExitStack()
-        ending.callback(self._downloads.subtract, [client])
+        hold = await self._in_thread(lambda: self.shelf.hold(name))
+
+        def over() -> None:
+            hold.close()
+            ended()
+
         try:
-            hold = await self._in_thread(lambda: self.shelf.hold(name))
-            ending.callback(hold.close)
             file = await self._in_thread(lambda: self.shelf.file(name))
             title = f"{recording.vehicle}_{recording.sensor}_{recording.id}.mcap"
-            return await self._in_thread(lambda: Download(file, title, ending.close))
+            return await self._in_thread(lambda: Download(file, title, over))
         except BaseException:
-            ending.close()
+            hold.close()
             raise
 
     async def play(self, name: str, request: PlayRequest) -> dict[str, Any]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path
 from starlette.requests import HTTPConnection, Request
 
+from lidarcodec.errors import SettingsError
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
@@ -38,6 +40,17 @@ def known_stream(service: Service, keys: StreamKeys, remedy: str = "GET /api/v1/
         detail = f"stream {keys.vehicle}/{keys.sensor} was never seen here: {remedy}"
         raise ProblemError(404, detail, "unknown-stream")
     return found
+
+
+def time_of(stamp_ns: int) -> datetime:
+    """A time in ns since the Unix epoch.
+
+    Raises SettingsError for one that no calendar has.
+    """
+    try:
+        return datetime.fromtimestamp(stamp_ns / 1e9, UTC)
+    except (ValueError, OverflowError):
+        raise SettingsError("the time is out of range", "from") from None
 
 
 async def json_object(request: Request) -> dict[str, Any]:

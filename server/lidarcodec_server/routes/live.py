@@ -9,6 +9,7 @@ from starlette.requests import HTTPConnection
 
 from lidarcodec.filling import fills_for
 from lidarcodec_server.fleet.fleet import Stream
+from lidarcodec_server.live.download import Downloads
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.recordings import Recordings
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream
@@ -22,6 +23,11 @@ def hub_of(connection: HTTPConnection) -> LiveHub:
 def recordings_of(connection: HTTPConnection) -> Recordings:
     """The recordings of the app."""
     return cast(Recordings, connection.app.state.recordings)
+
+
+def downloads_of(connection: HTTPConnection) -> Downloads:
+    """The places for downloads of the app."""
+    return cast(Downloads, connection.app.state.downloads)
 
 
 def known(service: TheService, keys: TheStream) -> Stream:
@@ -40,6 +46,7 @@ def fills(known: Annotated[Stream, Depends(known)], recordings: Annotated[Record
 
 
 Hub = Annotated[LiveHub, Depends(hub_of)]
+TheDownloads = Annotated[Downloads, Depends(downloads_of)]
 TheRecordings = Annotated[Recordings, Depends(recordings_of)]
 Known = Annotated[Stream, Depends(known)]
 Fills = Annotated[bool, Depends(fills)]

@@ -4,33 +4,33 @@ from __future__ import annotations
 
 import json
 import time
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any, cast
 
 from fastapi import APIRouter, Depends, Path, Query, Response
-from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import HTTPConnection, Request
 
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.apps.past.times import check_quality, span_of
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import SourceError
 from lidarcodec.recording.marks import Mark
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.fleet.control import AwayError, RefusedError
+from lidarcodec_server.live.download import MEDIA_TYPE, Download
 from lidarcodec_server.operations import Operation, begun, operates
 from lidarcodec_server.past.clips import Record, State
 from lidarcodec_server.past.fetches import Fetches, NoFetchError, TooManyFetchesError
 from lidarcodec_server.problems import ProblemError
-from lidarcodec_server.routes.common import TheService, TheStream, known_stream
+from lidarcodec_server.routes.common import TheService, TheStream, known_stream, time_of
+from lidarcodec_server.routes.live import TheDownloads
 from lidarcodec_server.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["past"])
 
-RECORDING = "application/octet-stream"
 NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, fetch or mark."}}
 FULL: dict[int | str, dict[str, Any]] = {507: {"description": "The folder of clips is full or cannot be written."}}
 Id = Annotated[str, Path(max_length=64, examples=["20261126T120000Z-3fa2c9"])]
@@ -83,8 +83,8 @@ class FetchAnswer(BaseModel):
             to_ns=clip.to_ns,
             state=record.state,
             by=record.by,
-            started=_time(record.started_ns),
-            ended=None if record.ended_ns is None else _time(record.ended_ns),
+            started=time_of(record.started_ns),
+            ended=None if record.ended_ns is None else time_of(record.ended_ns),
             reason=record.reason,
             size_bytes=record.size,
             clip=here if record.state == "complete" else None,
@@ -134,7 +134,7 @@ TheFetches = Annotated[Fetches, Depends(fetches_of)]
     "/streams/{vehicle}/{sensor}/past",
     response_model=FetchAnswer,
     responses={
-        200: {"description": "The clip, a recording.", "content": {RECORDING: {}}},
+        200: {"description": "The clip, a recording.", "content": {MEDIA_TYPE: {}}},
         202: {"model": FetchAnswer, "description": "It is being fetched; `Location` tells of that."},
         **NO_SUCH,
         **FULL,
@@ -144,6 +144,7 @@ def past(
     request: Request,
     service: TheService,
     fetches: TheFetches,
+    downloads: TheDownloads,
     keys: TheStream,
     client: Viewer,
     begin: Annotated[Time, Query(alias="from")],
@@ -157,7 +158,14 @@ def past(
     clip = Clip(keys, *span_of(begin, end, now_ns=time.time_ns()))
     path = fetches.clip(clip)
     if path is not None:
-        return FileResponse(path, media_type=RECORDING, filename=_file_name(clip))
+        give_back = downloads.take(client.name)
+        try:
+            return Download(path, _file_name(clip), give_back)
+        except OSError:
+            give_back()
+            raise ProblemError(
+                404, "the clip was deleted a moment ago: ask again to fetch it", "unknown-fetch"
+            ) from None
     record = fetches.running(clip)
     if record is None:
         operation = begun(request, "fetch")
@@ -276,11 +284,4 @@ def _told(told: dict[str, Any] | None, keys: StreamKeys) -> dict[str, Any]:
 
 
 def _file_name(clip: Clip) -> str:
-    return f"{clip.keys.vehicle}_{clip.keys.sensor}_{_time(clip.from_ns):%Y%m%dT%H%M%SZ}.mcap"
-
-
-def _time(stamp_ns: int) -> datetime:
-    try:
-        return datetime.fromtimestamp(stamp_ns / 1e9, UTC)
-    except (ValueError, OverflowError):
-        raise SettingsError("the time is out of range", "from") from None
+    return f"{clip.keys.vehicle}_{clip.keys.sensor}_{time_of(clip.from_ns):%Y%m%dT%H%M%SZ}.mcap"

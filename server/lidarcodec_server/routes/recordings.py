@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Path, Response
@@ -27,8 +27,8 @@ from lidarcodec_server.live.shelf import (
 )
 from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.problems import ProblemError
-from lidarcodec_server.routes.common import TheService, TheStream
-from lidarcodec_server.routes.live import Known, TheRecordings
+from lidarcodec_server.routes.common import TheService, TheStream, time_of
+from lidarcodec_server.routes.live import Known, TheDownloads, TheRecordings
 from lidarcodec_server.told import check_names, check_settings_size
 
 router = APIRouter(prefix="/api/v1", tags=["recordings"])
@@ -102,7 +102,7 @@ class PlayingAnswer(BaseModel):
     def of(cls, state: dict[str, Any]) -> PlayingAnswer:
         """From the state of the playback."""
         return cls(
-            since=_time(state["since_ns"]), **{name: value for name, value in state.items() if name != "since_ns"}
+            since=time_of(state["since_ns"]), **{name: value for name, value in state.items() if name != "since_ns"}
         )
 
 
@@ -131,8 +131,8 @@ class RecordingAnswer(BaseModel):
             id=recording.id,
             vehicle=recording.vehicle,
             sensor=recording.sensor,
-            started=_time(recording.started_ns),
-            ended=None if recording.ended_ns is None else _time(recording.ended_ns),
+            started=time_of(recording.started_ns),
+            ended=None if recording.ended_ns is None else time_of(recording.ended_ns),
             state=recording.state,
             reason=recording.reason,
             by=recording.by,
@@ -200,10 +200,15 @@ RANGES: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/recordings/{id}/download", response_class=Response, responses={**RANGES, **NO_SUCH, **BUSY, **FULL})
-async def download(recordings: TheRecordings, id: Id, client: Viewer) -> Response:
+async def download(recordings: TheRecordings, downloads: TheDownloads, id: Id, client: Viewer) -> Response:
     """The bytes of a recording. A download that was cut can be continued: headers `Range` and `If-Range` (RFC 9110)."""
-    with _problems():
-        return await recordings.download(id, client.name)
+    give_back = downloads.take(client.name)
+    try:
+        with _problems():
+            return await recordings.download(id, give_back)
+    except BaseException:
+        give_back()
+        raise
 
 
 @router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})
@@ -276,7 +281,3 @@ def _problems() -> Iterator[None]:
         raise ProblemError(507, str(error), "storage") from None
     except (SourceError, DecodeError) as error:
         raise ProblemError(422, f"the recording cannot be played: {error}", "recording") from None
-
-
-def _time(stamp_ns: int) -> datetime:
-    return datetime.fromtimestamp(stamp_ns / 1e9, UTC)
