@@ -84,7 +84,7 @@ class CellGrid:
         """Add the points (N, 3) of a scan in the world. sensor: (3,) its position; place: number of the place of the
         path; look_through: whether to count the cells that the scan sees through.
 
-        Raises SourceError if the points are more than 100 km from the origin in height, or beyond all maps.
+        Raises SourceError if the points are more than 200 km from the origin in height, or beyond all maps.
         """
         if look_through:
             self._look_through(points, sensor)

@@ -23,7 +23,9 @@ def compressed(points: MapPoints, by: str, count: int, seed: int = 1) -> tuple[M
 
     Raises SettingsError, UnknownNameError, MissingExtraError.
     """
-    if len(points) < FEWEST or count < FEWEST:
+    if len(points) < FEWEST:
+        raise SettingsError(f"the map has {len(points)} points: fewer than {FEWEST} are too few for localisation")
+    if count < FEWEST:
         raise SettingsError(f"a map of fewer than {FEWEST} points is too small for localisation", "keep")
     found = method(by)(points, min(count, len(points)), seed)
     return bare(found.points), {"by": by, "points": len(found.points), **found.about}

@@ -25,12 +25,14 @@ def check_ending(path: Path) -> None:
 
 
 def export(points: MapPoints, path: Path, ending: str) -> None:
-    """Write a map to `path` in the format of an ending. PCD has float32, so it is right to 3 cm only in UTM."""
+    """Write a map to `path` in the format of an ending. In UTM, PCD has doubles, too: float32
+    is right to 0.25 m only, because northings are so large."""
     if ending == ".las":
         _las(points, path)
         return
-    wide = "<f8" if ending == ".ply" else "<f4"
-    rows = _rows(points, wide)
+    rows = _rows(
+        points, "<f8" if ending == ".ply" or points.frame.zone else "<f4", "n" if ending == ".ply" else "normal_"
+    )
     names = rows.dtype.names or ()
     if ending == ".ply":
         kinds = {"<f8": "double", "<f4": "float"}
@@ -38,8 +40,9 @@ def export(points: MapPoints, path: Path, ending: str) -> None:
         head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{fields}end_header\n"
     else:
         many = len(names)
+        sizes = "".join(f" {rows.dtype[name].itemsize}" for name in names)
         head = (
-            f"# .PCD v0.7\nVERSION 0.7\nFIELDS {' '.join(names)}\nSIZE{' 4' * many}\nTYPE{' F' * many}\n"
+            f"# .PCD v0.7\nVERSION 0.7\nFIELDS {' '.join(names)}\nSIZE{sizes}\nTYPE{' F' * many}\n"
             f"COUNT{' 1' * many}\nWIDTH {len(rows)}\nHEIGHT 1\n"
             f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(rows)}\nDATA binary\n"
         )
@@ -48,12 +51,12 @@ def export(points: MapPoints, path: Path, ending: str) -> None:
         file.write(rows.tobytes())
 
 
-def _rows(points: MapPoints, wide: str) -> npt.NDArray[np.void]:
+def _rows(points: MapPoints, wide: str, normal: str) -> npt.NDArray[np.void]:
     normals = points.normals
     slim = "<f4"
     names = [("x", wide), ("y", wide), ("z", wide)]
     if normals is not None:
-        names += [(f"normal_{axis}" if wide == "<f4" else f"n{axis}", slim) for axis in "xyz"]
+        names += [(f"{normal}{axis}", slim) for axis in "xyz"]
     rows = np.empty(len(points), np.dtype(names))
     columns = points.xyz.T if normals is None else np.concatenate([points.xyz.T, normals.T])
     for (name, _), values in zip(names, columns, strict=True):

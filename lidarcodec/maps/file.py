@@ -27,6 +27,7 @@ from lidarcodec.errors import (
     ChecksumError,
     DecodeError,
     HeaderError,
+    SettingsError,
     SourceError,
     TruncatedError,
     UnsupportedVersionError,
@@ -80,10 +81,21 @@ class Head:
         return list(self.columns.values())
 
 
+def check_step(step_um: int) -> None:
+    """Raise SettingsError for a step that a map cannot have. Tiles of 50 m are a whole number of steps wide."""
+    if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or TILE_M * 1_000_000 % step_um:
+        raise SettingsError(
+            f"a step of {step_um / 1e6:g} m: take 1 mm to 1 m, of which 50 m is a whole number, such as 0.01 or 0.02",
+            "step",
+        )
+
+
 class MapWriter:
     """Writes a map tile by tile, to a file that can be read back and forth. `close` completes it."""
 
     def __init__(self, file: BinaryIO, head: Head) -> None:
+        """Raises SettingsError for a step that a map cannot have."""
+        check_step(head.step_um)
         self._file, self._head = file, head
         self._places: list[tuple[int, int, int]] = []
         self._points = 0
@@ -92,6 +104,8 @@ class MapWriter:
 
     def write(self, tile: Tile) -> None:
         """Append a tile. Raises SettingsError."""
+        if max(abs(tile.x), abs(tile.y), abs(int(tile.steps[:, 2].min()))) >= MOST_PLACE // 2:
+            raise SettingsError("a point of a map lies too far from its origin: are the poses right?")
         head = self._head
         data = encode_tile(tile, head.width, head.step_m, head.bits)
         self._file.write(data)
@@ -100,6 +114,8 @@ class MapWriter:
 
     def close(self, path: npt.NDArray[np.floating], length_m: float) -> None:
         """Write the path, the index and the head. path: (P, 3) in metres"""
+        if np.abs(path).max(initial=0.0) * 100 >= MOST_PATH_CM // 2:
+            raise SettingsError("the path of a map leads too far from its origin: are the poses right?")
         path_at = self._file.tell()
         self._file.write(_with_crc(_path_bytes(path)))
         index_at = self._file.tell()
@@ -240,8 +256,8 @@ def _head_of(fields: tuple[Any, ...]) -> Head:
         or not all(1 <= bit <= 16 for bit in known.values())
     ):
         raise HeaderError("a map has columns that this program does not know", HEAD.size - 16)
-    if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or zone > 60:
-        raise HeaderError("a map has a step of less than 1 mm or more than 1 m, or a zone of UTM that is not there", 12)
+    if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or TILE_M * 1_000_000 % step_um or zone > 60:
+        raise HeaderError("a map has a step that maps cannot have, or a zone of UTM that is not there", 12)
     if not all(np.isfinite(number) for number in rest[:4]):
         raise HeaderError("the origin or the length of a map is not a number", 24)
     head = Head(int(step_um), known, MapFrame(int(zone), bool(south), (rest[0], rest[1], rest[2])))

@@ -46,8 +46,7 @@ def encode_tile(tile: Tile, width: int, step_m: float, bits: Sequence[int]) -> b
     local = (tile.steps - corner).astype(np.int64)
     if local.min() < 0 or local[:, :2].max() >= width:
         raise SettingsError("a point lies outside of its tile")
-    order = np.lexsort(local.T)
-    if len(local) > 1 and (np.diff(local[order], axis=0) == 0).all(axis=1).any():
+    if _alike(local):
         raise SettingsError("two points of a map are alike")
     points, values = local.astype(np.uint32), np.ascontiguousarray(tile.columns)
     found: tuple[bytes, tuple[int, int, int]] | None = None
@@ -89,8 +88,16 @@ def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
     steps = points.astype(np.int64)
     if steps[:, :2].max() >= width:
         raise SectionError("a tile of a map has a point outside of it", 4)
+    if _alike(steps):
+        raise SectionError("a tile of a map has a point twice", 4)
     steps += np.array([x * width, y * width, z])
     return Tile(x, y, steps, columns)
+
+
+def _alike(steps: Steps) -> bool:
+    """Whether two points (N, 3) are alike."""
+    ordered = steps[np.lexsort(steps.T)]
+    return bool((np.diff(ordered, axis=0) == 0).all(axis=1).any())
 
 
 def tiles_of(steps: Steps, columns: Values, width: int) -> Iterable[Tile]:

@@ -78,3 +78,36 @@ def test_several_drives_need_poses(tmp_path):
     assert ran.returncode == 2
     assert "several drives need poses in one frame" in the_one_line(ran)
     assert not (tmp_path / "a.lcmap").exists()
+
+
+def test_a_step_that_does_not_divide_a_tile_is_refused_before_any_work(tmp_path):
+    """Tiles of the file would lie elsewhere than those of the drive: points vanished, and others moved by metres."""
+    done = run_here("map", "build", SOURCE, "-o", tmp_path / "a.lcmap", "--step", 0.03)
+    assert done.returncode == 2
+    assert "50 m is a whole number" in the_one_line(done)
+
+
+def test_shares_that_would_have_one_name_are_refused(town, tmp_path):
+    done = run_here("map", "compress", town, "-o", tmp_path / "a.lcmap", "--keep", "50%,50.0%")
+    assert done.returncode == 2
+    assert "two shares are alike" in the_one_line(done)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_solver_prints_nothing_between_the_results(town, tmp_path):
+    pytest.importorskip("highspy", reason="needs the extra `maps`")
+    (found,) = printed("compress", town, "-o", tmp_path / "a.lcmap", "--keep", "5%", "--by", "lp")
+    assert found["by"] == "lp"
+    assert found["gap"] >= 0
+
+
+def test_points_in_utm_keep_their_places_in_a_pcd(tmp_path):
+    """Northings are millions of metres: 32 bits would move them by a quarter of a metre."""
+    out = tmp_path / "u.lcmap"
+    printed("build", SOURCE, "-o", out, "--least-seen", 2, "--origin=49.01,8.43,90")
+    printed("export", out, tmp_path / "u.pcd")
+    head, _, rows = (tmp_path / "u.pcd").read_bytes().partition(b"DATA binary\n")
+    assert b"SIZE 8 8 8 4 4 4" in head
+    kinds = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("a", "<f4"), ("b", "<f4"), ("c", "<f4")]
+    found = np.frombuffer(rows, kinds)
+    assert np.abs(np.stack([found[axis] for axis in "xyz"], axis=1) - read_map(out).xyz).max() < 1e-6

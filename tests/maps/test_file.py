@@ -148,3 +148,19 @@ def test_damaged_tiles_with_right_checksums_are_refused_or_decode_to_points_of_t
             assert len(tile.steps) <= 4 * len(data)
             assert tile.columns.max() < 256
     assert decoded < 200
+
+
+@pytest.mark.parametrize(
+    ("what", "changes"),
+    [
+        ("a step of", {"step_m": 0.03}),
+        ("a step of", {"step_m": 2.0}),
+        ("too far", {"steps": np.array([[0, 0, 1 << 32]])}),
+        ("too far", {"path": np.full((1, 3), 1e8, np.float32)}),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(what, changes):
+    steps = changes.get("steps", np.array([[1, 2, 3]]))
+    points = MapPoints(changes.get("step_m", 0.02), steps, {}, changes.get("path", np.zeros((1, 3), np.float32)), 1.0)
+    with pytest.raises(SettingsError, match=what):
+        write_map(BytesIO(), points)

@@ -19,6 +19,7 @@ from lidarcodec.evaluation.rigid import Matrix, exp_so3, moved
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.maps.build import MapBuilder
 from lidarcodec.maps.drives import DriveSpec, world_scans
+from lidarcodec.maps.file import check_step
 from lidarcodec.maps.geodesy import utm_of
 from lidarcodec.maps.points import MapFrame
 
@@ -88,6 +89,7 @@ def placed(origin: str | None) -> tuple[Matrix, MapFrame]:
 def run(asked: Asked, force: bool, as_json: bool) -> None:
     """Write the map, and print what it holds."""
     check_map_name(asked.out, force=force)
+    check_step(round(asked.step_m * 1e6))
     drives = asked.drives()
     T_map_world, frame = placed(asked.origin)
     with (

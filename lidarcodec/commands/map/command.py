@@ -50,7 +50,8 @@ def build(
         ),
     ] = None,
     step: Annotated[
-        float, Option("--step", min=0.001, max=1.0, metavar="M", help="Step of coordinates. Errors are half of it.")
+        float,
+        Option("--step", min=0.001, max=1.0, metavar="M", help="Step of coordinates; 50 m is a multiple of it."),
     ] = 0.02,
     least_seen: Annotated[
         int, Option("--least-seen", min=1, max=255, metavar="N", help="Leave out cells that fewer scans hit.")

@@ -58,6 +58,8 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     shares = asked.shares()
     method(asked.by)
     outputs = asked.outputs(shares)
+    if len(set(outputs)) < len(outputs):
+        raise SettingsError(f"--keep {asked.keep}: two shares are alike", "keep")
     for out in outputs:
         check_map_name(out, force=force)
         check_not_input(out, asked.source)

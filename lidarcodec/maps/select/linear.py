@@ -14,6 +14,8 @@ gap of the choice that was made. b is searched so that the number of points is t
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Final
@@ -140,8 +142,7 @@ def _relaxed(groups: _Groups, inside: Ints, short: Floats, begin: int, end: int,
     model.a_matrix_.start_ = np.concatenate([starts, starts[-1] + 1 + np.arange(height)]).astype(np.int32)
     model.a_matrix_.index_ = np.concatenate([rows, np.arange(height)]).astype(np.int32)
     model.a_matrix_.value_ = np.ones(int(starts[-1]) + height)
-    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]  # it has no types for its methods
-    solver.silent()
+    solver = _silent_solver()
     solver.setOptionValue("threads", 1)
     solver.passModel(model)
     solver.run()
@@ -178,3 +179,20 @@ def _members(groups: _Groups, taken: Ints, seed: int) -> Ints:
     rank = np.arange(len(order)) - np.repeat(starts, groups.size)
     found: Ints = np.sort(order[rank < np.repeat(taken, groups.size)])
     return found
+
+
+def _silent_solver() -> Any:
+    """A solver of HiGHS, which prints its name on the standard output as it is made: results are printed there."""
+    import highspy
+
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]  # it has no types for its methods
+        solver.silent()
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+    return solver
