@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -21,6 +22,7 @@ from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import ChecksumError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.untrusted.times import time_ns_of
 from lidarcodec.wire import unpack
 
 log = logging.getLogger(__name__)
@@ -141,11 +143,14 @@ def open_archive(where: str | Path) -> Archive:
 def time_ns(time: Time) -> int:
     """A time in ns since the Unix epoch. Raises SettingsError.
 
-    >>> time_ns("2026-11-26T12:00:00Z"), time_ns("2026-11-26 12:00:00.5"), time_ns(5)
-    (1795694400000000000, 1795694400500000000, 5)
+    >>> time_ns("2026-11-26T12:00:00.000000007Z"), time_ns("2026-11-26 12:00:00.5"), time_ns("5")
+    (1795694400000000007, 1795694400500000000, 5)
     """
     if isinstance(time, int):
         return time
+    if isinstance(time, str):
+        with suppress(SettingsError):  # else a date, or a time without a zone
+            return time_ns_of(time)
     try:
         moment = datetime.fromisoformat(time) if isinstance(time, str) else time
     except ValueError:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Set
+from collections.abc import Set
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from lidarcodec.archive.names import Commit, commit_of, json_of, part_segment, plan_of
 from lidarcodec.archive.product import read_commit
@@ -56,15 +56,6 @@ class Contents:
 def set_aside(store: Store, origin: str, segment: str, what: str, why: str) -> None:
     """Note that an input (`segment` is WHOLE) or a segment is not worked on any more. what: name of the input"""
     store.create(f"aside/{origin}-{segment}.json", json_of({"what": what, "why": why}))
-
-
-def aside_of(store: Store) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(name of the object, its contents) of everything that was set aside."""
-    from lidarcodec.untrusted.json import read_json
-
-    for entry in store.entries("aside/"):
-        if _ASIDE.fullmatch(entry.name):
-            yield entry.name, dict(read_json(store.read(entry.name)))
 
 
 def commits_of(

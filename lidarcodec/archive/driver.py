@@ -23,6 +23,8 @@ TRIES: Final = 3
 """A task that failed so often is set aside."""
 KILLS: Final = 12
 """The same for a task whose process was killed: mostly not its fault."""
+MADE_OF_INPUTS: Final = frozenset({"cut", "compress"})
+"""Kinds of tasks whose failures are kept in the archive; those of other jobs are tried again by their next run."""
 PAUSE_S: Final = 0.5
 """Before the second try; each further pause is twice as long."""
 _WAIT_S: Final = 0.2
@@ -111,8 +113,9 @@ def drive(
                 if ended.how == "store":  # the next run tries it again
                     outcome.left.append((ended.task.label, ended.why))
                 else:
-                    origin, _, segment = key.partition("-")
-                    set_aside(target, origin, segment, ended.task.label, ended.why)
+                    if ended.task.kind in MADE_OF_INPUTS:
+                        origin, _, segment = key.partition("-")
+                        set_aside(target, origin, segment, ended.task.label, ended.why)
                     outcome.aside.append((ended.task.label, ended.why))
                 tick()
                 continue

@@ -22,6 +22,8 @@ BAG: Final = "metadata.yaml"
 """This file makes a folder a bag of ROS 2."""
 MAX_BESIDE_BYTES: Final = 16 << 20
 """Largest file beside a capture that is taken for a calibration, metadata or poses."""
+NOTE: Final = ".sha256.json"
+"""Ending of the name of what `archive push` notes of a recording."""
 VEHICLE: Final = "vehicle"
 SENSOR: Final = "lidar"
 _SEPARATORS: Final = re.compile(r"[_. ]+")
@@ -81,7 +83,7 @@ def _is_bag(found: list[Entry]) -> bool:
 def _captures(folder: str, names: dict[str, Entry]) -> Iterator[Input]:
     """The inputs among the files of a folder."""
     vehicle, sensor = _names(folder.split("/") if folder else [])
-    tables = {name: one for name, one in names.items() if name.endswith(".json")}
+    tables = {name: one for name, one in names.items() if name.endswith(".json") and not name.endswith(NOTE)}
     for name, one in names.items():
         if _KINDS.search(name) is None:
             continue

@@ -7,7 +7,7 @@
 | `frames/VEHICLE/SENSOR/SEGMENT-HASH.parquet` | a row for each of its frames |
 | `commits/VEHICLE/SENSOR/FIRST-LAST-ORIGIN-SEGMENT.json` | makes both visible |
 | `aside/ORIGIN-SEGMENT.json` | an input or a segment that was set aside, with the reason |
-| `verified/SEGMENT-HASH.json` | what the job `verify` found |
+| `verified/SEGMENT.json` | that the job `verify` found it whole |
 
 INPUT and SEGMENT are hashes of what they are made from, HASH is one of the recording's bytes. A listing of commits
 says which segments exist, when they begin and end, and which input or segment (ORIGIN) they come from.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any, Final
 
-from lidarcodec.archive.contents import WHOLE, Contents, commits_of, set_aside
+from lidarcodec.archive.contents import WHOLE, Contents, commits_of
 from lidarcodec.archive.inputs import inputs_of
 from lidarcodec.archive.names import Commit, id_of
 from lidarcodec.archive.segments import Segment
@@ -27,7 +27,7 @@ ALONE: Final = frozenset({"raw", "zstd", "pcodec", "png", "jxl", "jpeg"})
 def archive_settings(settings: StreamSettings) -> StreamSettings:
     """Settings for an archive: with such a codec every message is a key message, unless the interval was chosen.
 
-    A frame then is one read. It costs about one percent.
+    A frame then is one read.
     """
     if settings.codec not in ALONE or "key_interval" in settings.model_fields_set:
         return settings
@@ -47,7 +47,7 @@ class CompressPlan:
         self._contents = Contents()
 
     def tasks(self) -> Iterator[Task]:
-        """Tasks to begin with. Inputs that cannot be read are set aside."""
+        """Tasks to begin with."""
         contents = self._contents = Contents.of(self._target)
         for one in inputs_of(self._source.entries()):
             self.inputs += 1
@@ -55,11 +55,8 @@ class CompressPlan:
             if contents.finished(origin):
                 self.finished += 1
                 continue
-            if one.refused is not None:
-                set_aside(self._target, origin, WHOLE, one.name[:1000], one.refused)
-                continue
             value = {"input": asdict(one), "id": origin, "name": one.name, "settings": self._settings}
-            task = self._task("cut", f"{origin}-{WHOLE}", one.name, value | {"seconds": self._seconds})
+            task = self._task("cut", f"{origin}-{WHOLE}", one.name[:1000], value | {"seconds": self._seconds})
             if origin not in contents.counts:
                 yield task
                 continue
@@ -99,27 +96,36 @@ class CommitPlan:
 
     def tasks(self) -> Iterator[Task]:
         """A task for each segment."""
-        aside = Contents.of(self._target).aside
         done = {entry.name for entry in self._target.entries("verified/")} if self._kind == "verify" else set()
         before_ns = self._more.get("before_ns")
         commits = commits_of(self._target)
-        if self._more.get("delete_old"):
-            commits += self._undeleted()
+        older = self._replaced(commits) if self._more.get("delete_old") else {}
         for commit in commits:
             self.inputs += 1
             late = before_ns is not None and commit.last_ns >= before_ns
-            if late or f"verified/{commit.segment}.json" in done or commit.segment in aside.get(commit.origin, ()):
+            if late or f"verified/{commit.segment}.json" in done:
                 self.finished += 1
                 continue
             label = f"{commit.vehicle}/{commit.sensor}, segment {commit.segment[:8]}"
             value = {"commit": list(commit), "name": commit.name} | self._more
+            if commit in older:
+                value["older"] = [list(one) for one in older[commit]]
             key = f"{commit.origin}-{commit.segment}"
             yield Task(self._kind, key, label, self._source.url, self._target.url, value)
 
-    def _undeleted(self) -> list[Commit]:
-        """Replaced segments whose recordings are still there: a run was killed before it deleted them."""
+    def _replaced(self, visible: list[Commit]) -> dict[Commit, list[Commit]]:
+        """By visible segment the segments before it whose recordings are still there."""
         there = {entry.name.rpartition("/")[2].partition("-")[0] for entry in self._target.entries("recordings/")}
-        return [commit for commit in commits_of(self._target, hidden=True) if commit.segment in there]
+        hidden = commits_of(self._target, hidden=True)
+        after = {one.origin: one for one in (*hidden, *visible)}
+        found: dict[Commit, list[Commit]] = {}
+        for commit in hidden:
+            last = commit
+            while last.segment in after:
+                last = after[last.segment]
+            if commit.segment in there:
+                found.setdefault(last, []).append(commit)
+        return found
 
     def after(self, ended: Ended) -> Iterator[Task]:
         """None: a segment is one task."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from lidarcodec.archive.inputs import SENSOR, VEHICLE
+from lidarcodec.archive.inputs import NOTE, SENSOR, VEHICLE
 from lidarcodec.archive.names import json_of
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
@@ -110,7 +110,7 @@ def _name(path: Path) -> str | None:
     try:
         with open_regular(path) as file:
             about = RecordingReader(file, warn=False).metadata
-    except (OSError, SourceError):
+    except SourceError:
         return None
     vehicle, sensor = about.get("vehicle", VEHICLE), about.get("sensor", SENSOR)
     if not is_name(vehicle) or not is_name(sensor):
@@ -119,7 +119,7 @@ def _name(path: Path) -> str | None:
 
 
 def _note(name: str) -> str:
-    return f"{name}.sha256.json"
+    return f"{name}{NOTE}"
 
 
 def _told(store: Store, name: str) -> object:

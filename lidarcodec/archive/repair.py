@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 
 from lidarcodec.archive.contents import commits_of
+from lidarcodec.archive.jobs.reading import made_from
 from lidarcodec.archive.product import read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
 
+log = logging.getLogger(__name__)
 
-def repair(store: Store) -> Counter[str]:
-    """Remove objects without a commit, commits whose objects are lost, and all notes of what was set aside.
 
-    The next run makes again what was removed, and tries again what was set aside. Returns numbers of removed objects:
+def repair(store: Store, source: Store) -> Counter[str]:
+    """Remove objects without a commit, commits whose recordings are lost, and all notes of what was set aside.
+
+    The next run makes again what was removed, and tries again what was set aside. A commit that cannot be read stays,
+    with all objects of its segment: they may be all that is left of the input. So does a recording whose table is lost
+    and whose input is not in `source` any more. Returns numbers of removed objects:
     `unfinished`, `lost` (commits), `aside`, `leftovers`.
     """
     counts: Counter[str] = Counter()
@@ -23,14 +29,18 @@ def repair(store: Store) -> Counter[str]:
         for commit in commits_of(store, hidden=hidden):
             try:
                 value = read_commit(store, commit)
-                lost = there.get(value["object"]) != value["bytes"] or value["table"] not in there
-            except SourceError:
-                value, lost = {}, True
-            if lost and not hidden:
+            except SourceError as error:
+                log.warning("a commit was left as it is: %s", error)
+                named |= {name for name in there if f"/{commit.segment}-" in name}
+                continue
+            lost, tableless = there.get(value["object"]) != value["bytes"], value["table"] not in there
+            if not hidden and (lost or (tableless and made_from(value, source) is not None)):
                 store.delete(commit.name)
                 counts["lost"] += 1
-            elif value:
-                named |= {value["object"], value["table"]}
+                continue
+            if tableless and not hidden:
+                log.warning("the table of %s is lost, and its input, too: queries miss its frames", value["object"])
+            named |= {value["object"], value["table"]}
     for name in sorted(there.keys() - named):
         store.delete(name)
         counts["unfinished"] += 1

@@ -144,6 +144,41 @@ def test_recompress_replaces_in_one_step_and_deletes_only_when_told(inputs, fill
         archive("run", inputs, filled, *SHORT)
 
 
+def test_a_segment_that_was_replaced_twice_is_visible_once(filled):
+    """What an earlier run replaced and left is only deleted: encoded again, every frame would be there twice."""
+    words = ("run", filled, filled, "--job", "recompress", "--workers", "here")
+    archive(*words, "--codec", "raw")
+    archive(*words, "--codec", "zstd", "--delete-old")
+    assert open_archive(filled).query("select count(*) from frames")[1] == [(FRAMES,)]
+    assert len(list(open_archive(filled).frames())) == FRAMES
+    archive(*words, "--codec", "zstd", "--delete-old")
+    segments = open_archive(filled).query("select distinct segment from frames")[1]
+    assert len(list((filled / "recordings").rglob("*.mcap"))) == len(segments)
+
+
+def test_repair_keeps_what_a_commit_that_cannot_be_read_stands_for(inputs, filled, caplog):
+    """It may be of a newer version, and its input may be gone."""
+    commit = next((filled / "commits").rglob("*.json"))
+    commit.write_text(commit.read_text().replace('"format":1', '"format":2'))
+    before = objects(filled)
+    archive("run", inputs, filled, *SHORT, "--repair")
+    assert "was left as it is" in caplog.text
+    assert objects(filled) == before
+
+
+def test_what_is_broken_is_said_at_each_run(inputs, filled):
+    recording = next((filled / "recordings").rglob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-100])
+    for _ in range(2):
+        assert "BROKEN" in archive("run", inputs, filled, "--job", "verify", "--workers", "here", code=1).stdout
+
+
+def test_an_archive_within_its_inputs_is_refused(inputs):
+    done = run_here("archive", "run", str(inputs), str(inputs / "archive"))
+    assert done.returncode == 2
+    assert "would be read as input" in done.stderr
+
+
 def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_path):
     (inputs / "broken.pcap").write_bytes(b"no capture at all")
     (inputs / "empty.mcap").write_bytes(b"")
@@ -153,7 +188,7 @@ def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_pa
     done = archive("run", inputs, out, *SHORT, "--json", code=1)
     told = json.loads(done.stdout)
     assert told["frames"] == FRAMES
-    assert {one["what"] for one in told["aside"]} == {"broken.pcap", "empty.mcap"}
+    assert {one["what"] for one in told["aside"]} == {"broken.pcap", "empty.mcap", "link.pcap"}
     whys = [json.loads(path.read_text()) for path in (out / "aside").iterdir()]
     assert {"what": "link.pcap", "why": "it is a link that leaves its folder"} in whys
     assert not [one for one in whys if str(tmp_path) in one["why"]]
@@ -196,6 +231,7 @@ def test_joined_tables_say_the_same(filled, monkeypatch):
         (("--job", "recompress"), "needs the new settings"),
         (("--delete-old",), "only for --job recompress"),
         (("--codec", "nothing"), "unknown codec"),
+        (("--repair", "--dry-run"), "without --dry-run"),
     ],
 )
 def test_wrong_options_are_refused(inputs, tmp_path, words, said):

@@ -20,12 +20,12 @@ from lidarcodec.apps.control import TooOftenError, answered, object_of
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.keeper import Keeper
 from lidarcodec.apps.past.kept import Kept
-from lidarcodec.apps.past.times import time_ns_of
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.recording.marks import Mark
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.times import time_ns_of
 
 logger = logging.getLogger(__name__)
 

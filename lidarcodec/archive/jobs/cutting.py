@@ -22,6 +22,8 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
     Returns the plan. Raises SourceError and others for an input that cannot be read.
     """
     one = input_of(value)
+    if one.refused is not None:
+        raise SourceError(one.refused)
     with opened(source, one) as packets:
         framing = settings_from(value["settings"]).framing
         frames = frames_of(

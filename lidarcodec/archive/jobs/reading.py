@@ -25,6 +25,16 @@ def input_of(value: dict[str, Any]) -> Input:
     return Input(**fields)
 
 
+def made_from(found: dict[str, Any], source: Store) -> Input | None:
+    """The input of a segment; None if it is not there any more, or the segment was made from another recording."""
+    if found.get("job") != "compress":
+        return None
+    beside = tuple(Entry(*one) for one in found["beside"])
+    one = Input(found["input"], found["input_size"], found["input_tag"], found["vehicle"], found["sensor"], beside)
+    names = [entry.name for entry in beside] if one.name.endswith("/") else [one.name]
+    return one if all(source.size(name) is not None for name in names) else None
+
+
 @contextmanager
 def opened(store: Store, one: Input) -> Iterator[PacketSource]:
     """The packets of an input; with `NAME_poses.npz` beside it, its poses too.

@@ -23,13 +23,18 @@ from lidarcodec.wire.header import MAJOR, MINOR
 def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
     """Encode a segment again. value: `commit` (fields of Commit), `settings`, `delete_old`, `dry`
 
+    `older` has the segments that this one replaced (fields of each), if their recordings are still there.
+
     With `dry` nothing is written. With `delete_old` the old recording and its table are deleted after the new
     recording was read back from the store. A segment that has these settings already is left as it is.
     """
     del source
     commit = Commit(*value["commit"])
     found = read_commit(target, commit)
+    older = [read_commit(target, Commit(*one)) for one in value.get("older", ())]
     if found["settings"] == value["settings"]:
+        if older and not value["dry"]:
+            _delete(older, found, target)
         return {"unchanged": 1}
     if value["dry"]:
         return {"bytes_before": found["bytes"], "frames": found["frames"]}
@@ -51,17 +56,18 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
             raise SourceError(f"{found['object']} has lost frames: it was left as it is")
         won = publish(target, product)
     if value["delete_old"]:
-        _delete(found, read_commit(target, product.commit), target)
+        _delete([found, *older], read_commit(target, product.commit), target)
     return {"won": won, "frames": found["frames"], "bytes": product.value["bytes"], "bytes_before": found["bytes"]}
 
 
-def _delete(old: dict[str, Any], new: dict[str, Any], store: Store) -> None:
-    """Delete the old recording and its table, after the new ones were read back. The old commit stays: it says that its
-    input was done."""
+def _delete(olds: list[dict[str, Any]], new: dict[str, Any], store: Store) -> None:
+    """Delete old recordings and their tables, after the new ones were read back. The old commits stay: they say that
+    their input was done."""
     digest = hashlib.sha256()
     for chunk in store.chunks(new["object"]):
         digest.update(chunk)
     if digest.hexdigest() != new["sha256"] or store.size(new["table"]) is None:
-        raise SourceError(f"{new['object']} in the store is not what was written: {old['object']} was kept")
-    store.delete(old["table"])
-    store.delete(old["object"])
+        raise SourceError(f"{new['object']} in the store is not what was written: {olds[0]['object']} was kept")
+    for old in olds:
+        store.delete(old["table"])
+        store.delete(old["object"])

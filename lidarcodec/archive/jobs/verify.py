@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.archive.inputs import Input
-from lidarcodec.archive.jobs.reading import opened
+from lidarcodec.archive.jobs.reading import made_from, opened
 from lidarcodec.archive.names import Commit, json_of
 from lidarcodec.archive.product import read_commit
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.segments import Segment, packets_in
-from lidarcodec.archive.stores.base import Entry, Store
+from lidarcodec.archive.stores.base import Store
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verdict import broken_promises, missing_parts
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, promise_of
@@ -19,7 +18,7 @@ from lidarcodec.files.digest import sha256_of
 
 
 def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Compare a segment, and keep the result as `verified/SEGMENT.json`. value: `commit` (fields of Commit)
+    """Compare a segment, and note one that is whole as `verified/SEGMENT.json`. value: `commit` (fields of Commit)
 
     If the input is not there any more, only checksum and decoding are checked; `compared` is 0 then.
     """
@@ -30,7 +29,8 @@ def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any
         target.download(found["object"], path)
         result = _compared(path, found, source)
     result |= {"segment": commit.segment, "object": found["object"]}
-    target.create(f"verified/{commit.segment}.json", json_of(result))
+    if not result["broken"]:
+        target.create(f"verified/{commit.segment}.json", json_of(result))
     return result
 
 
@@ -38,7 +38,7 @@ def _compared(path: Path, found: dict[str, Any], source: Store) -> dict[str, Any
     whole = sha256_of(path) == found["sha256"]
     broken = [] if whole else ["the checksum of the recording is not that of its commit"]
     recorded, comparison = RecordedFrames(path), Comparison()
-    one = _input(found, source)
+    one = made_from(found, source)
     if one is None:
         frames = sum(1 for _ in recorded)
     else:
@@ -57,13 +57,3 @@ def _compared(path: Path, found: dict[str, Any], source: Store) -> dict[str, Any
         broken.append(f"it has {frames} frames, and should have {found['frames']}")
     broken += missing_parts(recorded)
     return {"frames": frames, "compared": int(one is not None), "broken": broken}
-
-
-def _input(found: dict[str, Any], source: Store) -> Input | None:
-    """The input of a segment; None if it is not there any more, or the segment was made from another recording."""
-    if found.get("job") != "compress":
-        return None
-    beside = tuple(Entry(*one) for one in found["beside"])
-    one = Input(found["input"], found["input_size"], found["input_tag"], found["vehicle"], found["sensor"], beside)
-    names = [entry.name for entry in beside] if one.name.endswith("/") else [one.name]
-    return one if all(source.size(name) is not None for name in names) else None

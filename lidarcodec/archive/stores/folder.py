@@ -22,8 +22,8 @@ class FolderStore(Store):
     """Files below a folder. Hidden files are no objects; links that lead out of the folder are refused."""
 
     def __init__(self, root: Path) -> None:
-        self.url = str(root)
         self._root = root.resolve()
+        self.url = str(self._root)
 
     def entries(self, prefix: str = "", after: str = "") -> Iterator[Entry]:
         for entry, name in _walk(self._root, prefix, after):

@@ -47,7 +47,7 @@ def run(
         ),
     ] = None,
     scheduler: Annotated[
-        str | None, Option("--scheduler", metavar="ADDRESS", help="Scheduler of the Dask cluster: tcp/HOST:PORT.")
+        str | None, Option("--scheduler", metavar="ADDRESS", help="Scheduler of the Dask cluster: tcp://HOST:PORT.")
     ] = None,
     timeout: Annotated[
         float, Option("--timeout", min=1.0, metavar="S", help="A task that takes longer is ended and tried again.")

@@ -58,9 +58,11 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     """Do the job and print what was done. Returns whether nothing was set aside, left or found broken."""
     settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
+    if wanted.job == "compress" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
+        raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
     result = _nothing(wanted)
     if wanted.repair:
-        result["repaired"] = dict(repair(target))
+        result["repaired"] = dict(repair(target, inputs))
     if wanted.job == "index":
         joined = index(target)
         result |= {"joined": joined["joined"], "segments": joined["segments"], "removed": joined["removed"]}
@@ -95,6 +97,8 @@ def _checked(wanted: Wanted) -> StreamSettings:
         raise SettingsError("--delete-old and --before are only for --job recompress")
     if wanted.job in ("verify", "index") and (wanted.codec or wanted.pairs):
         raise SettingsError(f"--job {wanted.job} takes no settings")
+    if wanted.repair and wanted.dry:
+        raise SettingsError("--repair removes objects: give it without --dry-run")
     if wanted.job == "index" and wanted.dry:
         raise SettingsError("--dry-run is not for --job index")
     if wanted.job == "recompress" and not (wanted.codec or wanted.pairs):

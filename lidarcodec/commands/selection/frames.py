@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Final, Protocol, TypeVar
 
-from lidarcodec.apps.past.times import time_ns_of
 from lidarcodec.errors import SettingsError
+from lidarcodec.untrusted.times import time_ns_of
 
 MOST_SECONDS: Final = 1e9
 """A larger number is in nanoseconds since 1970."""
