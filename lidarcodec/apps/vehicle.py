@@ -18,7 +18,7 @@ from typing import Any
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.past.answers import answers_of
-from lidarcodec.apps.past.keeper import Keep, Keeper
+from lidarcodec.apps.past.keeper import Keep, Keeper, check_apart
 from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record
@@ -149,6 +149,7 @@ class _Sensor:
         self._network, self._stop = network, stop
         self._publisher: Publisher | None = None
         self.thread = threading.Thread(target=self._run, name=f"lidarcodec {plan.name}", daemon=True)
+        check_apart(plan.record, plan.keep)
         self._keeper = None if plan.keep is None else Keeper(plan.keep, keys)
         self.answering = threading.Thread(target=self._answer, name=f"lidarcodec past of {plan.name}", daemon=True)
 

@@ -95,7 +95,7 @@ class FrameEncoder(Generic[Own]):
         return self._key_is_due()
 
     def refer_to(self, indices: Set[int] | None) -> bool:
-        """As of `Referring` in base.py."""
+        """As of `Choosing` in base.py."""
         content = self._content
         if isinstance(content, Choosing):
             content.refer_to(indices)

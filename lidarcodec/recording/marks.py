@@ -25,6 +25,7 @@ MAX_MARK_NS: Final = 600 * 10**9
 """Longest marked span: ten minutes."""
 MAX_TEXT: Final = 200
 MAX_FILE: Final = 256 * 1024
+"""Largest file of marks. Further marks are refused, so that it can always be read again."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Marks:
     def add(self, mark: Mark) -> None:
         """Add a mark, or replace the one of this name. It survives a power failure from then on.
 
-        Raises SettingsError if there are too many, SourceError if the file cannot be written.
+        Raises SettingsError if there are too many or their texts too long, SourceError if the file cannot be written.
         """
         others = [one for one in self._all if one.name != mark.name]
         if len(others) >= MAX_MARKS:
@@ -101,6 +102,8 @@ class Marks:
         if self.damaged:
             raise SourceError(f"{self.path.name} cannot be read: repair or remove it")
         text = json.dumps({"format": 1, "marks": [asdict(one) for one in marks]})
+        if len(text) > MAX_FILE and len(marks) >= len(self._all):
+            raise SettingsError("the marks have too much text: release some first, or give shorter reasons", "mark")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with written_whole(self.path) as beside:

@@ -249,7 +249,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "past": or_null(
         record(
             **dict.fromkeys(("max_bytes", "bytes", "marks", "marked_bytes"), count),
-            **dict.fromkeys(("from_ns", "to_ns"), _any_count),
+            **dict.fromkeys(("from_ns", "to_ns", "marked_ns"), _any_count),
             stopped=_long,
             counts=named(count),
         )

@@ -347,6 +347,26 @@ async def test_a_vehicle_that_was_away_returns_to_its_own_settings_when_its_link
             assert len(resets) == 1
 
 
+async def test_settings_deleted_and_others_set_while_a_vehicle_was_away_leave_only_the_others(serving, vehicle):
+    car = vehicle()
+    async with serving() as client:
+        await there(client)
+        assert (await client.patch(f"{STREAM}/settings", json={"max_error_m": 0.05})).status_code == 200
+        settings = car.settings
+        car.stop()
+
+        async def away():
+            return not (await client.get(STREAM)).json()["alive"]
+
+        await until(away)
+        await client.delete(f"{STREAM}/settings")
+        assert (await client.patch(f"{STREAM}/settings", json={"key_interval": 7})).status_code == 202
+        again = vehicle()
+        again.change(max_error_m=settings.max_error_m)  # as if it had never been away
+        await applied(client, key_interval=7)
+        assert (await client.get(f"{STREAM}/settings")).json()["applied"]["max_error_m"] is None
+
+
 async def test_a_wrong_name_is_no_stream_unless_one_says_that_it_is_to_come(serving):
     """Settings for a name with a typing error would wait for ever, and the vehicle that was meant never gets them."""
     async with serving() as client:

@@ -63,8 +63,8 @@ class Answers:
             query = object_of(data)
             if query.get("ask") == "part":
                 return self._part(query)
-        except LidarCodecError:
-            pass  # `_told` meets the same error, and puts it into words
+        except LidarCodecError as error:
+            return _refused(error)
         return self._told(data)
 
     def _part(self, query: dict[str, Any]) -> bytes:
@@ -78,8 +78,6 @@ class Answers:
 
     def _tell(self, query: dict[str, Any]) -> dict[str, Any]:
         ask = query.get("ask", "spans")
-        if ask == "part":  # it failed: say why
-            self._part(query)
         self._allow()
         if ask == "spans":
             spans = [list(span) for span in self._kept.spans()]
@@ -117,6 +115,15 @@ class Answers:
 def answers_of(keeper: Keeper, busy: Callable[[], bool]) -> Answers:
     """Answers about what a keeper kept; it counts refused questions. busy: whether a live message is on its way"""
     return Answers(keeper.kept, keeper.keys, busy, Allowance(LISTS_PER_S, LISTS_AT_ONCE).take, keeper.once)
+
+
+def _refused(error: LidarCodecError) -> bytes:
+    """An error as an answer."""
+
+    def again(query: dict[str, Any]) -> dict[str, Any]:
+        raise error
+
+    return answered(again)(b"{}")
 
 
 def _about(mark: Mark) -> dict[str, Any]:

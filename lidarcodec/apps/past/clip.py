@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarcodec.apps.past.keeper import EXACT
 from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Plan
+from lidarcodec.apps.recorder import LOSSLESS
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.pieces import messages_in
@@ -21,7 +21,7 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> int:
     clip = plan.clip
     about = {"past": f"{clip.from_ns} to {clip.to_ns}", "gaps": str(len(plan.gaps()))}
     with path.open("wb") as file:
-        with RecordingWriter(file, clip.keys.vehicle, clip.keys.sensor, EXACT, about) as writer:
+        with RecordingWriter(file, clip.keys.vehicle, clip.keys.sensor, LOSSLESS, about) as writer:
             for piece in plan.there:
                 try:
                     for message in messages_in(store.read(piece.name)):

@@ -21,22 +21,19 @@ from typing import Any, Final
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.conditions import conditions_of
 from lidarcodec.apps.past.kept import Kept
+from lidarcodec.apps.recorder import CLOSE_LIMIT_S, LOSSLESS, WAITING, Record
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RotatingRecorder
 from lidarcodec.recording.marks import Mark
-from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import pack
 
 logger = logging.getLogger(__name__)
 
-EXACT: Final = StreamSettings(codec="pcodec", max_error_m=0.0)
 MIN_BYTES, MAX_BYTES = 8 * 2**20, 10**15
 MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 32 * 2**20
-WAITING: Final = 20
-"""Most frames that wait for the disk: two seconds, 9 MB."""
 KEY_S: Final = 1.0
 """Interval of key messages. A piece of this length is the smallest part that can be fetched."""
 SYNC_S: Final = 0.5
@@ -50,7 +47,6 @@ MARK_NS: Final = 15 * 10**9
 """A condition marks so much before and after the moment at which it came true."""
 AGAIN_S: Final = 30.0
 """After an error of the disk, interval of attempts to keep again."""
-CLOSE_LIMIT_S: Final = 10.0
 _SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([kMGT]?)(i?)B", re.IGNORECASE)
 
 
@@ -83,6 +79,12 @@ class Keep:
     folder: Path
     max_bytes: int
     mark_when: tuple[str, ...] = ()
+
+
+def check_apart(record: Record | None, keep: Keep | None) -> None:
+    """Raise SettingsError if a recorder and a keeper have one folder."""
+    if record is not None and keep is not None and record.folder.resolve() == keep.folder.resolve():
+        raise SettingsError("--record and --keep need two folders: each deletes the oldest files of its own", "keep")
 
 
 class Keeper:
@@ -130,7 +132,9 @@ class Keeper:
 
     def state(self) -> dict[str, Any]:
         """For the status: what is kept (docs/live.md lists the fields)."""
-        counts = self._earlier + self._files.counts + self.once.counts
+        counts = Counter[str]()
+        for one in (self._earlier, self._files.counts, self.once.counts):
+            counts.update(dict(one))  # in one step: the keeper's thread counts meanwhile
         return {"max_bytes": self.keep.max_bytes, "stopped": self._files.stopped, "counts": dict(counts)} | (
             self.kept.totals
         )
@@ -153,7 +157,7 @@ class Keeper:
             self.keep.folder,
             self.keys.vehicle,
             self.keys.sensor,
-            EXACT,
+            LOSSLESS,
             max_file_bytes=size,
             max_total_bytes=self.keep.max_bytes,
         )
@@ -177,6 +181,7 @@ class Keeper:
                 elif now - stopped_s >= AGAIN_S:
                     stopped_s = None
                     self._earlier.update(self._files.counts)
+                    self._files.close()
                     self._files = self._recorder()
                 try:
                     if frame is not None:
@@ -193,7 +198,7 @@ class Keeper:
 
     def _write(self, frame: Frame) -> None:
         if self._encoder is None:
-            self._encoder = StreamEncoder(EXACT)
+            self._encoder = StreamEncoder(LOSSLESS)
         due = self._key_ns is None or not 0 <= frame.stamp_ns - self._key_ns < KEY_S * 1e9
         for message in self._encoder.encode(frame, key=due or self._files.waits_for_key):
             if message.key:

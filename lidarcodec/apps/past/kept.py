@@ -59,6 +59,7 @@ class Kept:
         self.marks = Marks(folder / f"{keys.vehicle}_{keys.sensor}.marks.json")
         self.growing: Path | None = None
         self.totals: dict[str, Any] = {"bytes": 0, "from_ns": None, "to_ns": None, "marks": 0, "marked_bytes": 0}
+        self.totals["marked_ns"] = None
         self._lock = threading.Lock()
         self._spans: dict[str, _Span] = {}
         self._pieces: OrderedDict[tuple[str, int], list[Piece]] = OrderedDict()
@@ -67,8 +68,15 @@ class Kept:
             logger.error("%s cannot be read: no file is deleted until it is repaired or removed", self.marks.path)
 
     def stays(self, path: Path) -> bool:
-        """Whether a file has marked messages, so that it must not be deleted."""
-        span = self._span(path)
+        """Whether a file must not be deleted: it has marked messages, or cannot be opened and may have some."""
+        if self.marks.damaged:
+            return True
+        try:
+            span = self._read_span(path)
+        except FileNotFoundError:
+            return False
+        except OSError:
+            return len(self.marks) > 0
         return span is not None and self.marks.covers(span.begin_ns, span.end_ns + 1)
 
     def look(self) -> None:
@@ -80,6 +88,7 @@ class Kept:
             "from_ns": min((span.begin_ns for span in spans), default=None),
             "to_ns": max((span.end_ns for span in spans), default=None),
             "marks": len(self.marks),
+            "marked_ns": max((mark.at_ns for mark in self.marks), default=None),
             "marked_bytes": self._marked_bytes(spans),
         }
 
@@ -167,15 +176,22 @@ class Kept:
         return [(path, span) for path in paths if (span := self._span(path)) is not None]
 
     def _span(self, path: Path) -> _Span | None:
-        """None if the file is gone, or has no whole message."""
+        """None if the file cannot be read, or has no whole message."""
         try:
-            size = path.stat().st_size
-            known = self._spans.get(path.name)
-            if known is not None and known.size == size:
-                return known
+            return self._read_span(path)
+        except OSError:
+            return None
+
+    def _read_span(self, path: Path) -> _Span | None:
+        """None if the file has no whole message. Raises OSError."""
+        size = path.stat().st_size
+        known = self._spans.get(path.name)
+        if known is not None and known.size == size:
+            return known
+        try:
             with open_regular(path) as file:
                 found = RecordingReader(file, warn=False).span()
-        except (OSError, SourceError):
+        except SourceError:
             return None
         if found is None:
             return None

@@ -72,12 +72,16 @@ class Plan:
 
     def gaps(self) -> list[tuple[int, int]]:
         """Spans of the clip without frames."""
-        at, found = self.clip.from_ns, []
-        for piece in self.there:
-            if piece.begin_ns - at > GAP_NS:
+        at, found, lost = self.clip.from_ns, [], False
+        for piece in self.pieces:
+            if piece.name in self.gone:
+                lost = True
+                continue
+            if piece.begin_ns > at and (lost or piece.begin_ns - at > GAP_NS):
                 found.append((at, piece.begin_ns))
-            at = max(at, piece.end_ns)
-        return found + [(at, self.clip.to_ns)] * (self.clip.to_ns - at > GAP_NS)
+            at, lost = max(at, piece.end_ns), False
+        left_ns = self.clip.to_ns - at
+        return found + [(at, self.clip.to_ns)] * (left_ns > GAP_NS or (lost and left_ns > 0))
 
     def store(self, path: Path) -> None:
         """Write it to a file. Raises SourceError."""

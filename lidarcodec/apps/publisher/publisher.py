@@ -21,7 +21,7 @@ from lidarcodec.apps.control import Applied
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.answers import answers_of
-from lidarcodec.apps.past.keeper import Keep, Keeper
+from lidarcodec.apps.past.keeper import Keep, Keeper, check_apart
 from lidarcodec.apps.publisher.changes import Changes
 from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.desk import Desk
@@ -110,6 +110,7 @@ class Publisher:
         self._network = Network(endpoints, transport)
         self._every = rate == "max" and not source.live
         kept = Record.of(record)
+        check_apart(kept, keep.keep if isinstance(keep, Keeper) else keep)
         self._recorder = None if kept is None else BackgroundRecorder(kept.folder, self.keys, None, **kept.limits)
         self._stop, self._done, self._opened = threading.Event(), threading.Event(), threading.Event()
         self._interrupted = self._begun = False

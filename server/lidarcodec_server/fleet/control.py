@@ -171,12 +171,13 @@ class Control:
             entry = self._store.begin(keys, who, "settings", asked, old, wanted)
             entered()
             try:
+                if alive and keys in self._resets:  # it is back, and its settings were deleted while it was away
+                    self._reset(keys)
                 applied = self._send(keys, wanted) if alive else None
             except RefusedError as error:
                 self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
                 raise
             self._refusals.pop(keys, None)
-            self._resets.discard(keys)
             self._rivals.forget(keys)
             self._finish(keys, entry, applied)
             if applied is None:
@@ -290,8 +291,8 @@ class Control:
             wanted = self._store.desired(keys)
             if stream is None or not stream.alive:
                 return True
-            if keys in self._resets:
-                return self._reset(keys) is not None
+            if keys in self._resets and self._reset(keys) is None:
+                return False
             if not wanted:
                 return True
             changed = self._rivals.to_tell(keys)

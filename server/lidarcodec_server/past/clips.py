@@ -22,7 +22,7 @@ from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import written_whole
-from lidarcodec.recording.pieces import pieces_in, read_piece
+from lidarcodec.recording.pieces import Piece, pieces_in, read_piece
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
@@ -145,13 +145,13 @@ class Clips:
             except (OSError, LidarCodecError) as error:
                 logger.warning("the clip of fetch %s cannot be read: %s", record.id, error)
 
-    def make_room(self, plan: Plan, done: list[Record]) -> list[Record]:
-        """Delete the oldest clips until there is room for a plan, once as pieces and once as a clip. Returns those that
+    def make_room(self, plans: list[Plan], done: list[Record]) -> list[Record]:
+        """Delete the oldest clips until there is room for plans, once as pieces and once as clips. Returns those that
         were deleted.
 
         Raises SourceError if that is not enough.
         """
-        needed = 2 * sum(piece.size for piece in plan.there)
+        needed = sum(2 * piece.size - self._here(piece) for plan in plans for piece in plan.there)
         total = sum(path.stat().st_size for path in self.store.folder.glob("*")) if self.store.folder.is_dir() else 0
         total += sum(record.size for record in done)
         gone = []
@@ -166,6 +166,10 @@ class Clips:
         if total + needed > self.max_bytes:
             raise SourceError(f"the clip does not fit: all clips together may take {self.max_bytes // 2**20} MiB")
         return gone
+
+    def _here(self, piece: Piece) -> int:
+        """Bytes of a piece that are in the folder already."""
+        return piece.size if self.store.has(piece.name, piece.size) else self.store.got(piece.name)
 
     def _read(self, name: str) -> Record | None:
         try:

@@ -65,7 +65,7 @@ class Fetches:
         self._jobs: dict[str, _Job] = {}
         self._ended: dict[str, Record] = {}
         self._wake = threading.Condition()
-        self._disk = threading.Lock()
+        self._beginning, self._disk = threading.Lock(), threading.Lock()
         self._stopped = False
         self._threads = [
             threading.Thread(target=self._work, name=f"lidarcodec fetch {number}", daemon=True)
@@ -115,10 +115,10 @@ class Fetches:
         stays: whether the clip is not deleted to make room
         Raises TooManyFetchesError, SourceError if the folder cannot be written.
         """
-        with self._disk:
+        with self._beginning:
             found = self.running(clip)
             if found is not None:
-                return found
+                return (self.keep(clip) or found) if stays else found
             if len(self._jobs) >= MAX_WAITING:
                 raise TooManyFetchesError(f"{MAX_WAITING} fetches are waiting, which is the limit: cancel one first")
             record = self._clips.create(clip, by, time.time_ns(), stays=stays)
@@ -127,6 +127,25 @@ class Fetches:
                 self._wake.notify()
         logger.info("%s: fetching %s for %s", clip.keys.prefix, record.id, by)
         return record
+
+    def keep(self, clip: Clip) -> Record | None:
+        """Never delete a clip to make room, whether it is here or on its way. Returns its fetch, None if there is none.
+
+        Raises SourceError if that cannot be stored.
+        """
+        with self._wake:
+            job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
+            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
+            found = job.record if job is not None else done[-1] if done else None
+            if found is None or found.stays:
+                return found
+            found = replace(found, stays=True)
+            if job is not None:
+                job.record = found
+            else:
+                self._ended[found.id] = found
+        self._clips.write(found)
+        return found
 
     def cancel(self, name: str) -> Record:
         """End a fetch; if it is complete, delete its clip. Raises NoFetchError, SourceError."""
@@ -222,11 +241,12 @@ class Fetches:
 
     def _prepare(self, plan: Plan) -> None:
         """The pieces of a clip are known: make room, and take what is here already."""
-        with self._wake:
-            done = [record for record in self._ended.values() if record.state == "complete"]
         with self._disk:
+            with self._wake:
+                done = [record for record in self._ended.values() if record.state == "complete"]
+                plans = [job.fetch.plan for job in self._jobs.values() if job.running]
             self._clips.take_from_clips(plan, done)
-            gone = self._clips.make_room(plan, done)
+            gone = self._clips.make_room([plan, *(one for one in plans if one is not plan and one.listed)], done)
         with self._wake:
             for record in gone:
                 self._ended.pop(record.id, None)

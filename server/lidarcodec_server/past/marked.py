@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.errors import LidarCodecError
-from lidarcodec.recording.marks import MAX_MARKS
+from lidarcodec.recording.marks import MAX_MARK_NS, MAX_MARKS
 from lidarcodec.settings import is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
@@ -22,19 +22,20 @@ from lidarcodec_server.past.fetches import Fetches
 logger = logging.getLogger(__name__)
 
 LOOK_S: Final = 5.0
-MAX_ANSWER: Final = 2**18
+MAX_ANSWER: Final = 2**19
+"""Largest answer about what a vehicle keeps: its marks take half of that."""
 CLOSE_S: Final = 6.0
 
 
 class Marked:
-    """Looks at the status of all vehicles, and asks those whose number of marks has changed.
+    """Looks at the status of all vehicles, and asks those whose marks have changed.
 
     A clip that was fetched, or could not be, is not fetched again.
     """
 
     def __init__(self, fleet: Fleet, fetches: Fetches, transport: Callable[[], Transport], answer_s: float) -> None:
         self._fleet, self._fetches, self._transport, self._answer_s = fleet, fetches, transport, answer_s
-        self._told: dict[StreamKeys, int] = {}
+        self._told: dict[StreamKeys, tuple[int, int]] = {}
         self._warnings = SparseLog(logger)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="lidarcodec server marks", daemon=True)
@@ -55,7 +56,7 @@ class Marked:
             self._told = {one.keys: self._told[one.keys] for one in streams if one.keys in self._told}
             for stream in streams:
                 marks = _marks_in(stream.status) if stream.alive else None
-                if marks is not None and marks != self._told.get(stream.keys, 0):
+                if marks is not None and marks != self._told.get(stream.keys, (0, 0)):
                     try:
                         self._fetch(stream.keys)
                         self._told[stream.keys] = marks
@@ -79,13 +80,16 @@ class Marked:
             clip = _clip_of(keys, mark)
             if clip is not None and clip not in known:
                 self._fetches.begin(clip, f"mark {mark['name']}", stays=True)
+            elif clip is not None:
+                self._fetches.keep(clip)
 
 
-def _marks_in(status: dict[str, Any] | None) -> int | None:
-    """Number of marks by a vehicle's status; None if it keeps nothing."""
+def _marks_in(status: dict[str, Any] | None) -> tuple[int, int] | None:
+    """Number of marks by a vehicle's status, and when the newest was made; None if it keeps nothing."""
     past = None if status is None else status.get("past")
-    marks = past.get("marks") if isinstance(past, dict) else None
-    return marks if isinstance(marks, int) and not isinstance(marks, bool) else None
+    if not isinstance(past, dict) or not isinstance(past.get("marks"), int):
+        return None
+    return past["marks"], past.get("marked_ns") or 0
 
 
 def _clip_of(keys: StreamKeys, mark: Any) -> Clip | None:
@@ -93,7 +97,7 @@ def _clip_of(keys: StreamKeys, mark: Any) -> Clip | None:
     if not isinstance(mark, dict) or not is_name(str(mark.get("name"))):
         return None
     from_ns, to_ns = mark.get("from_ns"), mark.get("to_ns")
-    if not isinstance(from_ns, int) or not isinstance(to_ns, int):
+    if not isinstance(from_ns, int) or not isinstance(to_ns, int) or to_ns - from_ns > MAX_MARK_NS:
         return None
     try:
         return Clip(keys, from_ns, to_ns)

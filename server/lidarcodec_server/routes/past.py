@@ -24,6 +24,7 @@ from lidarcodec_server.live.download import MEDIA_TYPE, Download
 from lidarcodec_server.operations import Operation, begun, operates
 from lidarcodec_server.past.clips import Record, State
 from lidarcodec_server.past.fetches import Fetches, NoFetchError, TooManyFetchesError
+from lidarcodec_server.past.marked import MAX_ANSWER
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream, time_of
 from lidarcodec_server.routes.live import TheDownloads
@@ -211,8 +212,9 @@ def set_mark(
     with service.limits.slot(operation.client.name, keys):
         _told(_ask(service, keys.past_mark, question), keys)
     answer = MarkAnswer(name=mark, from_ns=wanted.from_ns, to_ns=wanted.to_ns, reason=wanted.reason, by=wanted.by)
-    if body.fetch and fetches.clip(clip) is None:
-        answer.fetch = FetchAnswer.of(_begin(fetches, clip, operation.client.name, stays=True))
+    if body.fetch:
+        kept = None if fetches.clip(clip) is None else fetches.keep(clip)
+        answer.fetch = FetchAnswer.of(kept or _begin(fetches, clip, operation.client.name, stays=True))
     return answer
 
 
@@ -269,7 +271,7 @@ def _ask(service: Service, key: str, question: dict[str, Any]) -> dict[str, Any]
     """A vehicle's answer; None if there is none that can be read."""
     data = service.transport.ask(key, json.dumps(question).encode(), service.config.answer_s)
     try:
-        return None if data is None else read_object(data, 2**18)
+        return None if data is None else read_object(data, MAX_ANSWER)
     except JsonRefusedError:
         return None
 

@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 from lidarcodec import open_source
-from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of
+from lidarcodec.apps.past import keeper as module
+from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of, check_apart
 from lidarcodec.apps.past.kept import Kept
+from lidarcodec.apps.recorder import Record
 from lidarcodec.errors import SettingsError
-from lidarcodec.recording.marks import Mark
+from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
 from lidarcodec.recording.rotation import recorded_files
 from tests.apps.past.kept_drive import KEYS, SMALL, at, big, feed, frames, kept, packets, ring
@@ -146,3 +148,50 @@ def test_a_condition_on_the_status_marks_the_time_around_it_once(tmp_path: Path)
 def test_conditions_that_are_none(tmp_path: Path, text: str) -> None:
     with pytest.raises(SettingsError, match="is no condition"):
         Keeper(Keep(tmp_path, SMALL, (text,)), KEYS)
+
+
+def test_marks_with_long_texts_are_refused_before_their_file_is_too_long_to_be_read(tmp_path: Path) -> None:
+    """A file that cannot be read again lets no recording be deleted: the ring is full, and nothing more is kept."""
+    marks = Marks(tmp_path / "a.marks.json")
+    long = [Mark(f"m{number}", 1, 2, "é" * MAX_TEXT, "é" * MAX_TEXT, 3) for number in range(MAX_MARKS)]
+    with pytest.raises(SettingsError, match="too much text"):
+        any(marks.add(mark) for mark in long)
+    again = Marks(marks.path)
+    assert not again.damaged
+    assert 50 < len(again) == len(marks)
+    assert again.release("m0")
+
+
+def test_a_disk_that_fails_again_and_again_costs_no_handles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "AGAIN_S", 0.0)
+    monkeypatch.setattr(module, "SYNC_S", 0.01)
+    keeper = Keeper(Keep(tmp_path / "file", SMALL), KEYS)
+    (tmp_path / "file").write_text("no folder")
+    made: list[object] = []
+    monkeypatch.setattr(keeper, "_recorder", lambda make=keeper._recorder: made.append(make()) or made[-1])
+    keeper.start()
+    handles = lambda: len(list(Path("/proc/self/fd").iterdir()))  # noqa: E731
+    try:
+        assert eventually(lambda: feed(keeper, frames(1)) or len(made) > 2)
+        before, count = handles(), len(made)
+        assert eventually(lambda: feed(keeper, frames(1)) or len(made) > count + 10)
+        assert handles() < before + 10, "three for each that was not closed"
+    finally:
+        keeper.close()
+
+
+def test_a_recorder_and_a_keeper_have_folders_of_their_own(tmp_path: Path) -> None:
+    """Each would delete the files of the other, marked ones too."""
+    with pytest.raises(SettingsError, match="two folders"):
+        check_apart(Record(tmp_path / "a" / ".." / "b"), Keep(tmp_path / "b", SMALL))
+    check_apart(Record(tmp_path / "a"), Keep(tmp_path / "b", SMALL))
+
+
+def test_a_marked_file_that_cannot_be_opened_now_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keeper = kept(tmp_path, 25)
+    (file, *_) = files(tmp_path)
+    keeper.kept.mark(Mark("crash", at(3), at(4), "", "", 1))
+    again = Kept(tmp_path, KEYS, SMALL)
+    monkeypatch.setattr("lidarcodec.apps.past.kept.open_regular", lambda path: (_ for _ in ()).throw(OSError(24, "x")))
+    assert again.stays(file)
+    assert not again.stays(file.with_name("gone.mcap"))
