@@ -54,17 +54,17 @@ def postgres():
             pytest.skip("needs a user postgres: PostgreSQL does not run as root")
         as_user = {"user": "postgres", "group": "postgres", "extra_groups": []}
         shutil.chown(folder, "postgres")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
     data = folder / "data"
     initdb, server = ([program] for program in programs)
     initdb += ["-D", str(data), "-U", "ada", "-A", "trust", "-N", "-E", "UTF8", "--no-locale"]
     subprocess.run(initdb, check=True, capture_output=True, cwd="/", **as_user)
+    with socket.socket() as probe:  # after initdb, so that nobody else has time to take the port
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
     server += ["-D", str(data), "-p", str(port), "-c", "fsync=off", "-c", f"unix_socket_directories={folder}"]
-    process = subprocess.Popen(
-        server, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd="/", **as_user, env={"LC_ALL": "C"}
-    )
+    log = (folder / "log").open("wb")
+    process = subprocess.Popen(server, stdout=log, stderr=log, cwd="/", **as_user, env={"LC_ALL": "C"})
+    log.close()
     url = f"postgresql://ada:secret@127.0.0.1:{port}/postgres"
     try:
         for _ in range(200):
@@ -73,7 +73,9 @@ def postgres():
                 break
             except OSError:
                 threading.Event().wait(0.1)
+        assert process.poll() is None, (folder / "log").read_text()
         yield url
+        assert process.poll() is None, (folder / "log").read_text()
     finally:
         process.send_signal(signal.SIGINT)  # does not wait for connections
         process.wait(20)
