@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.names import Commit
-from lidarcodec.archive.product import Place, places_of, read_commit
+from lidarcodec.archive.objects import Place, places_of, read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import ChecksumError, SettingsError
@@ -129,7 +129,7 @@ class Archive:
 
     def tables(self) -> list[str]:
         """Names of the Parquet files with the rows of all frames."""
-        return tables_to_read(self.store)
+        return tables_to_read(self.store).names
 
 
 def open_archive(where: str | Path) -> Archive:

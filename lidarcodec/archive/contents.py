@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Set
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from lidarcodec.archive.names import Commit, commit_of, json_of, part_segment, plan_of
-from lidarcodec.archive.product import read_commit
+from lidarcodec.archive.names import Commit, PlanName, commit_of, json_of, part_segment, plan_of
+from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.segments import MAX_SECONDS
 from lidarcodec.archive.stores.base import Store
 
@@ -21,11 +21,16 @@ _SLACK_NS: Final = int(2 * MAX_SECONDS * 1e9)
 
 @dataclass
 class Contents:
-    """counts: segments of each input's plan;  committed: ids of segments by origin;  aside: (origin, segment)"""
+    """What was done, by id.
 
-    counts: dict[str, int] = field(default_factory=dict)
+    plans: by origin;  committed: segments by origin;  aside: segments by origin
+    cut: origins by input, inputs by the id of their name
+    """
+
+    plans: dict[str, PlanName] = field(default_factory=dict)
     committed: dict[str, set[str]] = field(default_factory=dict)
     aside: dict[str, set[str]] = field(default_factory=dict)
+    cut: dict[str, set[str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, store: Store) -> Contents:
@@ -33,7 +38,9 @@ class Contents:
         found = cls()
         for entry in store.entries("plans/"):
             if (plan := plan_of(entry.name)) is not None:
-                found.counts.setdefault(*plan)
+                found.plans.setdefault(plan.origin, plan)
+                found.cut.setdefault(plan.input, set()).add(plan.origin)
+                found.cut.setdefault(plan.name, set()).add(plan.input)
         for entry in store.entries("commits/"):
             if (commit := commit_of(entry.name)) is not None:
                 found.committed.setdefault(commit.origin, set()).add(commit.segment)
@@ -46,7 +53,11 @@ class Contents:
         """Whether nothing of an input is left to do."""
         aside = self.aside.get(origin, set())
         done = len(self.committed.get(origin, set()) | (aside - {WHOLE}))
-        return WHOLE in aside or done >= self.counts.get(origin, 1 << 62)
+        return WHOLE in aside or (origin in self.plans and done >= self.plans[origin].segments)
+
+    def others(self, input_id: str, origin: str) -> list[str]:
+        """Other settings with which an input is in the archive already, whole or in part: their origins."""
+        return sorted(one for one in self.cut.get(input_id, ()) if one != origin and self.committed.get(one))
 
     def has(self, origin: str, segment: str) -> bool:
         """Whether a segment is in the archive, or was set aside."""
@@ -89,12 +100,11 @@ def commits_of(
     return [one for one in found if (one.segment in replaced) == hidden and (not between or one.last_ns >= between[0])]
 
 
-def tables_of(store: Store, leave_out: Set[str] = frozenset()) -> list[str]:
-    """Names of the tables of all visible segments. leave_out: ids of segments that are not needed
+def tables_of(store: Store, commits: Sequence[Commit]) -> list[str]:
+    """Names of the tables of segments.
 
     A segment has two tables only where two builds wrote different bytes at the same time; then its commit is read.
     """
-    commits = [commit for commit in commits_of(store) if commit.segment not in leave_out]
     if not commits:
         return []
     by_segment: dict[str, list[str]] = {}

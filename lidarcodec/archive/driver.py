@@ -31,16 +31,18 @@ _WAIT_S: Final = 0.2
 
 
 class Plan(Protocol):
-    """What is to be done. inputs: number of inputs or segments; finished: those with nothing left to do"""
+    """What is to be done. counts: `inputs` or segments, `finished` those with nothing left to do, and others"""
 
-    inputs: int
-    finished: int
+    counts: Counter[str]
 
     def tasks(self) -> Iterator[Task]:
         """Tasks to begin with."""
 
     def after(self, ended: Ended) -> Iterator[Task]:
         """Tasks that follow from one that was done."""
+
+    def remarks(self) -> list[str]:
+        """What a person should know of the plan, a line each."""
 
 
 @dataclass

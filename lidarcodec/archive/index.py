@@ -1,82 +1,163 @@
-"""The job `index`: joins the tables of many segments to few, so that a query opens few files.
+"""Joined tables: the rows of many segments in one file, so that a query opens few files.
 
-A joined table `index/ID.parquet` counts once `index/ID.json` names its segments. If one of these is replaced later, the
-joined table is not used any more, and the next run of the job removes it.
+A joined table `index/ID.parquet` counts once `index/ID.json` names its segments. It is only a copy: the tables of the
+segments stay, and each row is read from one of them. Which one is decided by listings alone, so a joined table may be
+made or removed by anyone at any time. Rows of segments that were replaced later are left out when it is read.
+
+Tables of about the same size are joined when there are FAN_IN of them. So each row is copied a few times at most, and
+the number of files grows slowly with the number of segments.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 from lidarcodec.archive.contents import commits_of, tables_of
 from lidarcodec.archive.names import id_of, json_of, part_segment
+from lidarcodec.archive.objects import read_joined
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.table import text_of, with_tables
-from lidarcodec.untrusted.json import read_json
+from lidarcodec.archive.table import Tables, text_of, with_tables
+from lidarcodec.errors import SourceError
 
-JOINED: Final = 2000
-"""Most segments of a joined table: a day of a vehicle."""
-FEWEST: Final = 16
-"""Fewer segments are not joined: they would soon be joined again."""
-_MAX_NAMES: Final = 1 << 20
+log = logging.getLogger(__name__)
+
+FAN_IN: Final = 16
+"""Tables of about the same size that are joined to one."""
+LARGEST: Final = FAN_IN**3
+"""Most segments of a joined table: two days of a vehicle."""
+_ROUNDS: Final = 4
+"""So often joined tables are joined again: LARGEST is reached then."""
+
+
+class _Joined(NamedTuple):
+    """A joined table that is in use. visible, hidden: its segments; hidden ones were replaced"""
+
+    id: str
+    visible: frozenset[str]
+    hidden: frozenset[str]
+
+
+class _State(NamedTuple):
+    """used: joined tables to read;  stale: ids of other ones;  rest: names of tables of segments that are in none"""
+
+    used: list[_Joined]
+    stale: list[str]
+    rest: list[str]
+
+    def tables(self) -> Tables:
+        names = [_table(one.id) for one in self.used] + self.rest
+        return Tables(names, frozenset(segment for one in self.used for segment in one.hidden))
+
+
+def tables_to_read(store: Store) -> Tables:
+    """The tables that hold the rows of all visible segments, each row once. Raises OSError."""
+    return _state(store).tables()
 
 
 def index(store: Store) -> dict[str, int]:
-    """Join tables, and remove joined ones that are not used any more. Returns numbers: `joined` tables, their
-    `segments`, `removed`."""
-    used, stale = _joined(store)
-    counts = {"joined": 0, "segments": 0, "removed": len(stale)}
-    for name in stale:
-        store.delete(f"index/{name}.json")
-        store.delete(f"index/{name}.parquet")
-    covered = {segment for segments in used.values() for segment in segments}
-    rest = [name for name in tables_of(store) if part_segment(name) not in covered]
-    for at in range(0, len(rest), JOINED):
-        names = rest[at : at + JOINED]
-        if len(names) < FEWEST:
-            continue
-        segments = [str(part_segment(name)) for name in names]
-        ident = id_of("index", segments)
-        with scratch_folder() as folder, with_tables(store, names) as connection:
-            path = folder / "joined.parquet"
-            connection.execute("SET threads = 1")
-            connection.execute(
-                f"COPY (SELECT * FROM frames ORDER BY vehicle, sensor, stamp_ns, frame) TO {text_of(path)} "
-                "(FORMAT parquet, COMPRESSION zstd)"
-            )
-            store.create(f"index/{ident}.parquet", path)
-        store.create(f"index/{ident}.json", json_of({"segments": segments}))
-        counts["joined"] += 1
-        counts["segments"] += len(segments)
+    """Join tables of which there are many, and remove joined ones that are not used any more.
+
+    Returns numbers: `joined` tables, `removed` ones. Raises OSError; then the next call continues.
+    """
+    counts = {"joined": 0, "removed": 0}
+    for _ in range(_ROUNDS):
+        state = _state(store)
+        groups = list(_groups(state))
+        for group in groups:
+            _join(store, group)
+        counts["joined"] += len(groups)
+        if not groups:
+            break
+    for name in _state(store).stale:
+        store.delete(f"index/{name}.json")  # first: without it nobody looks for the table
+        store.delete(_table(name))
+        counts["removed"] += 1
     return counts
 
 
-def tables_to_read(store: Store) -> list[str]:
-    """Names of the tables that hold the rows of all visible segments, each row once: joined tables first."""
-    used, _ = _joined(store)
-    covered = {segment for segments in used.values() for segment in segments}
-    joined = [f"index/{name}.parquet" for name in used]
-    return joined + tables_of(store, leave_out=covered)
+class _Group(NamedTuple):
+    """Tables to join. segments: those whose rows are copied"""
+
+    tables: Tables
+    segments: list[str]
 
 
-def _joined(store: Store) -> tuple[dict[str, list[str]], list[str]]:
-    """Segments of each joined table that is in use, by its id, and ids of those that are not."""
-    found = dict(_told(store))
-    if not found:
-        return {}, []
-    visible = {commit.segment for commit in commits_of(store)}
-    used: dict[str, list[str]] = {}
-    for name, segments in sorted(found.items(), key=lambda one: (-len(one[1]), one[0])):
-        if visible.issuperset(segments):
-            used[name] = segments
-            visible.difference_update(segments)  # no row may be in two tables
-    return used, [name for name in found if name not in used]
+def _groups(state: _State) -> Iterator[_Group]:
+    """Tables that are to be joined, at least FAN_IN in a group, with at most LARGEST segments."""
+    tiers: dict[int, list[tuple[str, frozenset[str], frozenset[str]]]] = {}
+    for name in state.rest:
+        tiers.setdefault(0, []).append((name, frozenset((str(part_segment(name)),)), frozenset()))
+    for one in state.used:
+        tiers.setdefault(_tier(len(one.visible)), []).append((_table(one.id), one.visible, one.hidden))
+    for _, members in sorted(tiers.items()):
+        group: list[tuple[str, frozenset[str], frozenset[str]]] = []
+        for at, member in enumerate(members):
+            group.append(member)
+            whole = at + 1 == len(members) or sum(len(one[1]) for one in (*group, members[at + 1])) > LARGEST
+            if whole and len(group) >= FAN_IN:
+                hidden = frozenset().union(*(one[2] for one in group))
+                yield _Group(Tables([one[0] for one in group], hidden), sorted(set().union(*(one[1] for one in group))))
+            if whole:
+                group = []
 
 
-def _told(store: Store) -> Iterator[tuple[str, list[Any]]]:
-    for entry in store.entries("index/"):
-        name = entry.name.removeprefix("index/")
-        if name.endswith(".json"):
-            yield name.removesuffix(".json"), list(read_json(store.read(entry.name), _MAX_NAMES)["segments"])
+def _tier(segments: int) -> int:
+    """0 for 1 to 15 segments, 1 for 16 to 255, and so on."""
+    tier = 0
+    while segments >= FAN_IN:
+        segments, tier = segments // FAN_IN, tier + 1
+    return tier
+
+
+def _join(store: Store, group: _Group) -> None:
+    ident = id_of("index", group.segments)
+    with scratch_folder() as folder, with_tables(store, group.tables) as connection:
+        path = folder / "joined.parquet"
+        connection.execute("SET threads = 1")  # so that equal rows give equal bytes
+        connection.execute(
+            f"COPY (SELECT * FROM frames ORDER BY vehicle, sensor, stamp_ns, frame, segment) TO {text_of(path)} "
+            "(FORMAT parquet, COMPRESSION zstd)"
+        )
+        store.create(_table(ident), path)
+    store.create(f"index/{ident}.json", json_of({"segments": group.segments}))
+
+
+def _table(ident: str) -> str:
+    return f"index/{ident}.parquet"
+
+
+def _state(store: Store) -> _State:
+    found, damaged = _listed(store)
+    commits = commits_of(store)
+    left = {commit.segment for commit in commits}
+    used: list[_Joined] = []
+    for ident, segments in sorted(found.items(), key=lambda one: (-len(one[1]), one[0])):
+        visible = segments & left
+        hidden = segments - visible
+        if len(visible) > len(hidden) and not any(one.visible & hidden for one in used):  # no row may be in two tables
+            used.append(_Joined(ident, visible, hidden))
+            left -= visible
+    stale = [ident for ident in (*found, *damaged) if ident not in {one.id for one in used}]
+    return _State(used, stale, tables_of(store, [one for one in commits if one.segment in left]))
+
+
+def _listed(store: Store) -> tuple[dict[str, frozenset[str]], list[str]]:
+    """Segments of each joined table by its id, and ids of those that are damaged."""
+    names = {entry.name.removeprefix("index/") for entry in store.entries("index/")}
+    found: dict[str, frozenset[str]] = {}
+    damaged: list[str] = []
+    for ident in sorted(name.removesuffix(".json") for name in names if name.endswith(".json")):
+        if f"{ident}.parquet" not in names:
+            damaged.append(ident)
+            continue
+        try:
+            found[ident] = frozenset(read_joined(store, f"index/{ident}.json"))
+        except FileNotFoundError:  # removed meanwhile
+            continue
+        except SourceError as error:
+            log.warning("a joined table is not used: %s", error)
+            damaged.append(ident)
+    return found, damaged

@@ -52,8 +52,12 @@ class Input:
         return [self.name, self.size, self.tag, [list(one) for one in self.beside]]
 
     def id(self, *more: Any) -> str:
-        """The id of this input with settings."""
+        """The id of this input; with settings if given."""
         return id_of("input", self.identity(), *more)
+
+    def name_id(self) -> str:
+        """The id of its name alone."""
+        return id_of("name", self.name)
 
 
 def inputs_of(entries: Iterable[Entry]) -> Iterator[Input]:

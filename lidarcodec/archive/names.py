@@ -2,15 +2,17 @@
 
 | name | what |
 |---|---|
-| `plans/INPUT-N.json` | how an input is cut into N segments |
+| `plans/NAME-INPUT-ORIGIN-N.json` | how an input is cut into N segments |
 | `recordings/VEHICLE/SENSOR/SEGMENT-HASH.mcap` | a recording |
 | `frames/VEHICLE/SENSOR/SEGMENT-HASH.parquet` | a row for each of its frames |
 | `commits/VEHICLE/SENSOR/FIRST-LAST-ORIGIN-SEGMENT.json` | makes both visible |
 | `aside/ORIGIN-SEGMENT.json` | an input or a segment that was set aside, with the reason |
 | `verified/SEGMENT.json` | that the job `verify` found it whole |
 
-INPUT and SEGMENT are hashes of what they are made from, HASH is one of the recording's bytes. A listing of commits
-says which segments exist, when they begin and end, and which input or segment (ORIGIN) they come from.
+NAME is a hash of an input's name, INPUT one of its name and its contents as listed (size, tag, files beside it), ORIGIN
+one of INPUT and the settings, SEGMENT one of ORIGIN and the range, HASH one of the recording's bytes. A listing of
+commits says which segments exist, when they begin and end, and what they come from: an input with settings, or, after
+`recompress`, another segment.
 """
 
 from __future__ import annotations
@@ -28,10 +30,12 @@ _ID: Final = 24
 """Characters of an id: 96 bits."""
 _COMMIT: Final = re.compile(
     r"commits/(?P<vehicle>[^/]+)/(?P<sensor>[^/]+)/(?P<first>\d{20})-(?P<last>\d{20})-(?P<origin>[0-9a-f]{24})"
-    r"-(?P<segment>[0-9a-f]{24})\.json"
+    r"-(?P<segment>[0-9a-f]{24})\.json",
+    re.ASCII,
 )
 _PART: Final = re.compile(r"frames/[^/]+/[^/]+/(?P<segment>[0-9a-f]{24})-[0-9a-f]{16}\.parquet")
-_PLAN: Final = re.compile(r"plans/(?P<input>[0-9a-f]{24})-(?P<count>\d+)\.json")
+_PLAN: Final = re.compile(r"plans/([0-9a-f]{24})-([0-9a-f]{24})-([0-9a-f]{24})-(\d{1,9})\.json", re.ASCII)
+_IDS: Final = re.compile(r"[0-9a-f]{24}")
 
 
 def id_of(*parts: Any) -> str:
@@ -81,7 +85,30 @@ def part_segment(name: str) -> str | None:
     return None if found is None else found["segment"]
 
 
-def plan_of(name: str) -> tuple[str, int] | None:
-    """Input and number of segments of a plan; None for another object."""
+class PlanName(NamedTuple):
+    """An input that was cut with settings, by the name of its plan.
+
+    name: id of its name;  input: id of its name and contents;  origin: id of these and the settings
+    segments: number of its segments
+    """
+
+    name: str
+    input: str
+    origin: str
+    segments: int
+
+    @property
+    def object(self) -> str:
+        """Name of the object."""
+        return f"plans/{self.name}-{self.input}-{self.origin}-{self.segments}.json"
+
+
+def plan_of(name: str) -> PlanName | None:
+    """The plan of that name; None for another object."""
     found = _PLAN.fullmatch(name)
-    return None if found is None else (found["input"], int(found["count"]))
+    return None if found is None else PlanName(found[1], found[2], found[3], int(found[4]))
+
+
+def is_id(text: str) -> bool:
+    """Whether a text is the id of something."""
+    return _IDS.fullmatch(text) is not None

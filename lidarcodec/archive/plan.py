@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import Any, Final
 
 from lidarcodec.archive.contents import WHOLE, Contents, commits_of
-from lidarcodec.archive.inputs import inputs_of
+from lidarcodec.archive.inputs import Input, inputs_of
 from lidarcodec.archive.names import Commit, id_of
+from lidarcodec.archive.objects import read_plan
 from lidarcodec.archive.segments import Segment
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.tasks import Ended, Task
+from lidarcodec.errors import SourceError
 from lidarcodec.settings import StreamSettings
-from lidarcodec.untrusted.json import read_json
 from lidarcodec.wire.header import MAJOR, MINOR
 
-MAX_PLAN: Final = 64 << 20
-"""Largest plan that is read, in bytes."""
-
+log = logging.getLogger(__name__)
 
 ALONE: Final = frozenset({"raw", "zstd", "pcodec", "png", "jxl", "jpeg"})
 """Codecs whose frames need no other frame."""
@@ -37,77 +38,154 @@ def archive_settings(settings: StreamSettings) -> StreamSettings:
 class CompressPlan:
     """The job `compress`: inputs are cut into segments, segments are encoded.
 
-    inputs, finished: number of inputs so far, and of those with nothing left to do
+    keep_both: whether inputs that are in the archive with other settings are encoded again
+    counts: `inputs` so far; of these `finished` with nothing left to do, `other_settings` that are in the archive with
+        other settings, `unfinished` (of these, only in part), and `changed` since they were archived
     """
 
-    def __init__(self, source: Store, target: Store, settings: StreamSettings, seconds: float) -> None:
+    def __init__(
+        self, source: Store, target: Store, settings: StreamSettings, seconds: float, *, keep_both: bool = False
+    ) -> None:
         self._source, self._target, self._seconds = source, target, seconds
         self._settings = settings.model_dump(mode="json")
-        self.inputs = self.finished = 0
+        self._keep_both = keep_both
+        self.counts: Counter[str] = Counter()
         self._contents = Contents()
+        self._other = ""
 
     def tasks(self) -> Iterator[Task]:
         """Tasks to begin with."""
         contents = self._contents = Contents.of(self._target)
         for one in inputs_of(self._source.entries()):
-            self.inputs += 1
+            self.counts["inputs"] += 1
             origin = one.id(self._settings, self._seconds, [MAJOR, MINOR])
             if contents.finished(origin):
-                self.finished += 1
+                self.counts["finished"] += 1
                 continue
-            value = {"input": asdict(one), "id": origin, "name": one.name, "settings": self._settings}
+            if origin not in contents.plans and not self._keep_both and self._is_there(one, origin):
+                continue
+            value = {"input": asdict(one), "origin": origin, "name": one.name, "settings": self._settings}
             task = self._task("cut", f"{origin}-{WHOLE}", one.name[:1000], value | {"seconds": self._seconds})
-            if origin not in contents.counts:
+            plan = self._read(origin)
+            if plan is None:
+                self.counts["changed"] += bool(contents.cut.get(one.name_id(), set()) - {one.id()})
                 yield task
-                continue
-            plan = read_json(self._target.read(f"plans/{origin}-{contents.counts[origin]}.json"), MAX_PLAN)
-            yield from self._segments(task, plan)
+            else:
+                yield from self._segments(task, plan)
 
     def after(self, ended: Ended) -> Iterator[Task]:
         """Tasks that follow from one that was done."""
         if ended.task.kind == "cut":
             yield from self._segments(ended.task, ended.result)
 
+    def remarks(self) -> list[str]:
+        """What a person should know, a line each."""
+        found = []
+        if number := self.counts["other_settings"]:
+            found.append(
+                f"{number:,} of the inputs are in the archive with other settings ({self._other}), and were left as "
+                "they are: --job recompress replaces them, --keep-both adds them once more"
+            )
+        if number := self.counts["unfinished"]:
+            found.append(f"{number:,} of these are there only in part: the earlier settings complete them")
+        if number := self.counts["changed"]:
+            found.append(
+                f"{number:,} of the inputs, or files beside them, changed since they were archived: the frames of the "
+                "earlier ones stay"
+            )
+        return found
+
+    def _is_there(self, one: Input, origin: str) -> bool:
+        """Whether an input is in the archive with other settings."""
+        others = self._contents.others(one.id(), origin)
+        if not others:
+            return False
+        self.counts["other_settings"] += 1
+        self.counts["unfinished"] += not any(map(self._contents.finished, others))
+        plan = self._read(others[0]) if not self._other else None
+        if plan is not None:
+            self._other = _difference(plan | {"version": [MAJOR, MINOR]}, self._settings, self._seconds)
+        return True
+
+    def _read(self, origin: str) -> dict[str, Any] | None:
+        """The plan of an origin; None if there is none that can be read."""
+        if origin not in self._contents.plans:
+            return None
+        try:
+            return read_plan(self._target, self._contents.plans[origin].object)
+        except SourceError as error:
+            log.warning("the input is cut again: %s", error)
+            return None
+
     def _segments(self, cutting: Task, plan: dict[str, Any]) -> Iterator[Task]:
-        origin = cutting.value["id"]
-        value = {name: cutting.value[name] for name in ("input", "name", "settings")}
+        origin = cutting.value["origin"]
+        value = {name: cutting.value[name] for name in ("input", "name", "origin", "settings")}
         value |= {name: plan[name] for name in ("vehicle", "sensor", "not_kept")}
         for number, one in enumerate(plan["segments"]):
             fields = Segment.of(one).plain()
             segment = id_of("segment", origin, fields)
             if not self._contents.has(origin, segment):
                 label = f"{cutting.label}, segment {number + 1} of {len(plan['segments'])}"
-                more = {"origin": origin, "segment": segment, "range": fields}
+                more = {"segment": segment, "range": fields}
                 yield self._task("compress", f"{origin}-{segment}", label, value | more)
 
     def _task(self, kind: str, key: str, label: str, value: dict[str, Any]) -> Task:
         return Task(kind, key, label, self._source.url, self._target.url, value)
 
 
-class CommitPlan:
-    """A job on what is in the archive: one task for each visible segment that has not had it.
+def _difference(plan: dict[str, Any], settings: dict[str, Any], seconds: float) -> str:
+    """What is different in the settings of an earlier plan."""
+    earlier = plan.get("settings")
+    values = earlier if isinstance(earlier, dict) else {}
+    names = [name for name in sorted(settings.keys() | values.keys()) if values.get(name) != settings.get(name)]
+    found = [f"{name}={values.get(name)}" for name in names]
+    if plan.get("seconds") != seconds:
+        found.append(f"--seconds {plan.get('seconds')}")
+    return ", ".join(found)[:300] or "another version of the format"
 
-    kind: of the tasks, a key of `tasks.WORK`;  more: further values for each task
+
+Choice = Callable[[Commit], dict[str, Any] | None]
+"""Further values for the task of a segment; None: it has none."""
+
+
+class SegmentPlan:
+    """A job on what is in an archive: one task for each visible segment that has not had it.
+
+    kind: the job;  archive: where the segments are: `source` or `target`;  choice: which of them
+    done: names in `target` of segments that had it;  clears: whether older recordings that a segment replaced are
+        looked for, so that they can be deleted
+    counts: `inputs`, which are segments here; `finished` of these
     """
 
-    def __init__(self, kind: str, source: Store, target: Store, more: dict[str, Any]) -> None:
-        self._kind, self._source, self._target, self._more = kind, source, target, more
-        self.inputs = self.finished = 0
+    def __init__(
+        self,
+        kind: str,
+        source: Store,
+        target: Store,
+        choice: Choice,
+        *,
+        archive: Store | None = None,
+        done: Callable[[], Callable[[Commit], bool]] = lambda: lambda _: False,
+        clears: bool = False,
+    ) -> None:
+        self._kind, self._source, self._target, self._choice = kind, source, target, choice
+        self._archive = archive or target
+        self._done, self._clears = done, clears
+        self.counts: Counter[str] = Counter()
 
     def tasks(self) -> Iterator[Task]:
         """A task for each segment."""
-        done = {entry.name for entry in self._target.entries("verified/")} if self._kind == "verify" else set()
-        before_ns = self._more.get("before_ns")
-        commits = commits_of(self._target)
-        older = self._replaced(commits) if self._more.get("delete_old") else {}
+        is_done = self._done()
+        commits = commits_of(self._archive)
+        older = self._replaced(commits) if self._clears else {}
         for commit in commits:
-            self.inputs += 1
-            late = before_ns is not None and commit.last_ns >= before_ns
-            if late or f"verified/{commit.segment}.json" in done:
-                self.finished += 1
+            self.counts["inputs"] += 1
+            more = None if is_done(commit) else self._choice(commit)
+            if more is None:
+                self.counts["finished"] += 1
                 continue
             label = f"{commit.vehicle}/{commit.sensor}, segment {commit.segment[:8]}"
-            value = {"commit": list(commit), "name": commit.name} | self._more
+            value = {"commit": list(commit), "name": commit.name} | more
             if commit in older:
                 value["older"] = [list(one) for one in older[commit]]
             key = f"{commit.origin}-{commit.segment}"
@@ -115,14 +193,15 @@ class CommitPlan:
 
     def _replaced(self, visible: list[Commit]) -> dict[Commit, list[Commit]]:
         """By visible segment the segments before it whose recordings are still there."""
-        there = {entry.name.rpartition("/")[2].partition("-")[0] for entry in self._target.entries("recordings/")}
-        hidden = commits_of(self._target, hidden=True)
+        there = {entry.name.rpartition("/")[2].partition("-")[0] for entry in self._archive.entries("recordings/")}
+        hidden = commits_of(self._archive, hidden=True)
         after = {one.origin: one for one in (*hidden, *visible)}
         found: dict[Commit, list[Commit]] = {}
         for commit in hidden:
-            last = commit
-            while last.segment in after:
+            last, passed = commit, {commit.segment}
+            while last.segment in after and after[last.segment].segment not in passed:  # damaged names may form a ring
                 last = after[last.segment]
+                passed.add(last.segment)
             if commit.segment in there:
                 found.setdefault(last, []).append(commit)
         return found
@@ -131,3 +210,7 @@ class CommitPlan:
         """None: a segment is one task."""
         del ended
         return iter(())
+
+    def remarks(self) -> list[str]:
+        """None."""
+        return []

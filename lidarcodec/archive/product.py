@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 from lidarcodec import wire
 from lidarcodec.archive.names import FORMAT, Commit, json_of
-from lidarcodec.archive.stores.base import Store, check_name
+from lidarcodec.archive.objects import Place, read_commit
+from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.table import place_of, write_table
 from lidarcodec.codecs import table as codecs
 from lidarcodec.errors import SourceError
@@ -25,31 +25,7 @@ from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.layout import MESSAGE_ENCODING
 from lidarcodec.units import RANGE_STEP_M
-from lidarcodec.untrusted.json import read_json
 from lidarcodec.wire.checksum import checksum_of
-
-log = logging.getLogger(__name__)
-
-MAX_COMMIT: Final = 16 << 20
-"""Largest commit that is read, in bytes."""
-
-
-class Place(NamedTuple):
-    """A message in a recording.
-
-    stamp_ns: of its first frame;  offset, length: of its bytes;  checksum: its CRC-32C;  frame: number of
-    its first frame;  frames: how many it has;  key: 1 for a key message, otherwise 0;  needs: the frame that it refers
-    to, -1 for none
-    """
-
-    stamp_ns: int
-    offset: int
-    length: int
-    checksum: int
-    frame: int
-    frames: int
-    key: int
-    needs: int
 
 
 @dataclass(frozen=True)
@@ -172,29 +148,6 @@ def publish(store: Store, product: Product) -> bool:
         if theirs[key] != value[key]:
             store.delete(value[key])
     return theirs == value
-
-
-def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
-    """The contents of a commit. Raises SourceError if it is damaged, OSError."""
-    try:
-        return _checked(read_json(store.read(commit.name), MAX_COMMIT), commit)
-    except (ValueError, KeyError, TypeError) as error:
-        raise SourceError(f"{store.url}: {commit.name} is damaged: {error}") from None
-
-
-def _checked(value: Any, commit: Commit) -> dict[str, Any]:
-    """The contents of a commit. Raises ValueError, KeyError or TypeError if they are damaged."""
-    if value["format"] != FORMAT or value["segment"] != commit.segment:
-        raise ValueError("it is of another format or segment")
-    for key in ("object", "table"):
-        check_name(value[key])
-    places_of(value)
-    return dict(value) | {"sha256": str(value["sha256"]), "bytes": int(value["bytes"])}
-
-
-def places_of(value: dict[str, Any]) -> list[Place]:
-    """The messages of a commit's recording, in order."""
-    return [Place._make(map(int, one)) for one in value["messages"]]
 
 
 def _messages(path: Path, step_m: float) -> Iterator[tuple[Place, dict[str, Any]]]:

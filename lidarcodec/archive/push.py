@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, BinaryIO, Final
 
 from lidarcodec.archive.inputs import NOTE, SENSOR, VEHICLE
 from lidarcodec.archive.names import json_of
@@ -18,6 +21,8 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.rotation import is_written
 from lidarcodec.settings import is_name
 from lidarcodec.untrusted.json import read_json
+
+log = logging.getLogger(__name__)
 
 _STEP: Final = 1 << 18
 """Bytes that are read at once: the rate is kept over pieces of this size."""
@@ -59,63 +64,104 @@ def push(
 
     A file that is being written waits for the next time. delete: remove a file here after it was read back from the
     store and is the same. Returns numbers: `uploaded`, `bytes`, `already_there`, `deleted`, `still_written`,
-    `unreadable`.
+    `unreadable`, `gone` (removed by another program meanwhile).
     Raises SourceError if the store holds something else than was sent, OSError.
     """
     counts: Counter[str] = Counter()
-    for path in sorted(folder.glob("*.mcap"), key=lambda one: (one.stat().st_mtime_ns, one.name)):
+    for path in _oldest_first(folder):
         if stopped():
             counts["interrupted"] = 1
             break
         if is_written(path):
             counts["still_written"] += 1
             continue
-        name = _name(path)
-        if name is None:
+        try:
+            file = open_regular(path)
+        except FileNotFoundError:
+            counts["gone"] += 1
+            continue
+        except OSError as error:
+            log.warning("a file was left out: %s", error)
             counts["unreadable"] += 1
             continue
-        before = path.stat()
-        digest = hashlib.sha256()
-        for chunk in _pieces(path, Rate(None)):
-            digest.update(chunk)
-        told = {"sha256": digest.hexdigest(), "bytes": before.st_size}
-        if _told(store, name) == told and store.size(name) == before.st_size:
-            counts["already_there"] += 1
-        else:
-            store.upload(name, _pieces(path, rate))
-            if store.size(name) != before.st_size:
-                raise SourceError(f"{name} in the store has another size than {path}: it was kept here")
-            store.upload(_note(name), [json_of(told)])
-            counts["uploaded"] += 1
-            counts["bytes"] += before.st_size
-        if delete:
-            _delete(path, before.st_mtime_ns, store, name, told["sha256"])
-            counts["deleted"] += 1
+        before = os.fstat(file.fileno())
+        with file:  # open from here on: if the recorder removes the file, its bytes stay
+            name = _name(file, path.name)
+            if name is None:
+                counts["unreadable"] += 1
+                continue
+            told = _uploaded(file, name, store, rate, counts)
+            if delete:
+                _check_stored(store, name, told["sha256"], path)
+                counts["deleted"] += _delete(path, before)
         tick()
     return counts
 
 
-def _delete(path: Path, changed_ns: int, store: Store, name: str, expected: object) -> None:
-    """Remove a file here, if the store gives back the same bytes."""
+def _oldest_first(folder: Path) -> list[Path]:
+    """The recordings in a folder. Those that vanish meanwhile are left out."""
+    found = []
+    for path in folder.glob("*.mcap"):
+        with contextlib.suppress(FileNotFoundError):
+            found.append((path.stat().st_mtime_ns, path.name, path))
+    return [path for _, _, path in sorted(found)]
+
+
+def _uploaded(file: BinaryIO, name: str, store: Store, rate: Rate, counts: Counter[str]) -> dict[str, Any]:
+    """Upload a file if the store does not have it, and return what its note says."""
+    digest = hashlib.sha256()
+    size = 0
+    for chunk in _pieces(file, Rate(None)):
+        digest.update(chunk)
+        size += len(chunk)
+    told = {"sha256": digest.hexdigest(), "bytes": size}
+    if _told(store, name) == told and store.size(name) == size:
+        counts["already_there"] += 1
+        return told
+    store.upload(name, _pieces(file, rate))
+    if store.size(name) != size:
+        raise SourceError(f"{name} in the store has another size than what was sent: the recording was kept here")
+    store.upload(_note(name), [json_of(told)])
+    counts["uploaded"] += 1
+    counts["bytes"] += size
+    return told
+
+
+def _check_stored(store: Store, name: str, expected: str, path: Path) -> None:
+    """Raise SourceError if the store does not give back the same bytes."""
     digest = hashlib.sha256()
     for chunk in store.chunks(name):
         digest.update(chunk)
-    if digest.hexdigest() != expected or path.stat().st_mtime_ns != changed_ns:
+    if digest.hexdigest() != expected:
         raise SourceError(f"{name} in the store is not what {path} holds: it was kept here")
-    path.unlink()
 
 
-def _name(path: Path) -> str | None:
+def _delete(path: Path, read: os.stat_result) -> bool:
+    """Remove a file here, unless it was changed or replaced since it was opened. Returns whether it was removed."""
+    try:
+        there = path.lstat()
+        if _identity(there) != _identity(read):
+            raise SourceError(f"{path} changed while it was uploaded: it was kept here")
+        path.unlink()
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _identity(found: os.stat_result) -> tuple[int, ...]:
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _name(file: BinaryIO, name: str) -> str | None:
     """Name of the object of a recording; None if the file is no recording."""
     try:
-        with open_regular(path) as file:
-            about = RecordingReader(file, warn=False).metadata
+        about = RecordingReader(file, warn=False).metadata
     except SourceError:
         return None
     vehicle, sensor = about.get("vehicle", VEHICLE), about.get("sensor", SENSOR)
     if not is_name(vehicle) or not is_name(sensor):
         return None
-    return f"{vehicle}/{sensor}/{path.name}"
+    return f"{vehicle}/{sensor}/{name}"
 
 
 def _note(name: str) -> str:
@@ -129,8 +175,8 @@ def _told(store: Store, name: str) -> object:
         return None
 
 
-def _pieces(path: Path, rate: Rate) -> Iterator[bytes]:
-    with open_regular(path) as file:
-        while chunk := file.read(_STEP):
-            rate.spend(len(chunk))
-            yield chunk
+def _pieces(file: BinaryIO, rate: Rate) -> Iterator[bytes]:
+    file.seek(0)
+    while chunk := file.read(_STEP):
+        rate.spend(len(chunk))
+        yield chunk

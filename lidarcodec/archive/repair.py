@@ -7,7 +7,7 @@ from collections import Counter
 
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.jobs.reading import made_from
-from lidarcodec.archive.product import read_commit
+from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
 
@@ -41,7 +41,9 @@ def repair(store: Store, source: Store) -> Counter[str]:
             if tableless and not hidden:
                 log.warning("the table of %s is lost, and its input, too: queries miss its frames", value["object"])
             named |= {value["object"], value["table"]}
-    for name in sorted(there.keys() - named):
+    joined = {entry.name for entry in store.entries("index/")}
+    unlisted = {name for name in joined if name.endswith(".parquet") and f"{name[:-8]}.json" not in joined}
+    for name in sorted(unlisted | (there.keys() - named)):
         store.delete(name)
         counts["unfinished"] += 1
     for entry in list(store.entries("aside/")):

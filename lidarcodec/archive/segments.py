@@ -39,8 +39,14 @@ class Segment:
 
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Segment:
-        """The segment of plain values."""
-        return cls(**{name: int(plain[name]) for name in cls.__dataclass_fields__})
+        """The segment of plain values. Raises KeyError, ValueError or TypeError if they are none."""
+        values = {name: plain[name] for name in cls.__dataclass_fields__}
+        if not all(type(value) is int and abs(value) < 1 << 63 for value in values.values()):
+            raise ValueError("a number of a segment is out of range")
+        found = cls(**values)
+        if not (0 <= found.first <= found.last and found.first_ns <= found.last_ns and 0 < found.frames <= MAX_FRAMES):
+            raise ValueError("a segment begins behind its end, or has no frame or too many")
+        return found
 
 
 def cut(frames: Iterable[tuple[int, int]], seconds: float = SECONDS) -> Iterator[Segment]:

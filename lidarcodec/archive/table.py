@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -92,11 +92,20 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         lines.unlink(missing_ok=True)
 
 
+class Tables(NamedTuple):
+    """Tables of an archive. names: of their objects;  hidden: segments whose rows are not read"""
+
+    names: list[str]
+    hidden: frozenset[str] = frozenset()
+
+
 @contextmanager
-def with_tables(store: Store, names: Sequence[str]) -> Iterator[Any]:
-    """A connection of DuckDB in which `frames` is a view of tables of an archive, given by their names."""
+def with_tables(store: Store, tables: Tables) -> Iterator[Any]:
+    """A connection of DuckDB in which `frames` is a view of tables of an archive."""
     check_extra("a query")
     import duckdb
+
+    names = tables.names
 
     with duckdb.connect(config={"autoinstall_known_extensions": False}) as connection:
         if not names:
@@ -112,7 +121,11 @@ def with_tables(store: Store, names: Sequence[str]) -> Iterator[Any]:
             connection.register_filesystem(StoreFiles(store))
             paths = [f"{_PROTOCOL}://{name}" for name in names]
         texts = ", ".join(map(text_of, paths))
-        connection.execute(f"CREATE VIEW frames AS SELECT * FROM read_parquet([{texts}], hive_partitioning = false)")
+        shown = f"SELECT * FROM read_parquet([{texts}], hive_partitioning = false)"
+        if tables.hidden:
+            connection.execute("CREATE TABLE hidden AS SELECT unnest(?) AS id", [sorted(tables.hidden)])
+            shown += " WHERE segment NOT IN (SELECT id FROM hidden)"
+        connection.execute(f"CREATE VIEW frames AS {shown}")
         yield connection
 
 

@@ -6,30 +6,17 @@ that are created once; a task that is done twice changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
-from typing import Any, Final, Literal, cast
+from typing import Any, Literal
 
-from lidarcodec.archive.stores.base import Store
+from lidarcodec.archive.jobs.table import work_of
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import LidarCodecError, MissingExtraError
-
-WORK: Final[dict[str, str]] = {
-    "cut": "lidarcodec.archive.jobs.cutting:cut_input",
-    "compress": "lidarcodec.archive.jobs.compress:compress",
-    "verify": "lidarcodec.archive.jobs.verify:verify",
-    "recompress": "lidarcodec.archive.jobs.recompress:recompress",
-}
-"""Kind of task -> module and function that does it. A function takes the plain values of the task, the store of the
-inputs and the store of the archive, and returns plain values."""
-
-Work = Callable[[dict[str, Any], Store, Store], dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Task:
-    """kind: key of WORK;  key: unique among the tasks of a run;  label: for people
+    """kind: a job, or `cut`;  key: unique among the tasks of a run;  label: for people
     source, target: what `open_store` takes;  value: plain values for the function
     """
 
@@ -64,7 +51,7 @@ def work(task: Task) -> Ended:
     """Do a task here. Errors become an Ended."""
     try:
         source, target = open_store(task.source), open_store(task.target)
-        return Ended(task, "done", _function(task.kind)(task.value, source, target))
+        return Ended(task, "done", work_of(task.kind)(task.value, source, target))
     except MissingExtraError as error:
         return Ended(task, "missing", why=str(error))
     except LidarCodecError as error:
@@ -73,11 +60,6 @@ def work(task: Task) -> Ended:
         return Ended(task, "store", why=_told(error, task))
     except Exception as error:  # an engine must not end because of one task
         return Ended(task, "failed", why=_told(error, task))
-
-
-def _function(kind: str) -> Work:
-    module, _, name = WORK[kind].partition(":")
-    return cast(Work, getattr(import_module(module), name))
 
 
 def _told(error: Exception, task: Task) -> str:

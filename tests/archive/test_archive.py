@@ -206,8 +206,8 @@ def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inp
     assert objects(filled) == before
 
 
-def test_joined_tables_say_the_same(filled, monkeypatch):
-    monkeypatch.setattr("lidarcodec.archive.index.FEWEST", 1)
+def test_joined_tables_say_the_same(filled, monkeypatch, caplog):
+    monkeypatch.setattr("lidarcodec.archive.index.FAN_IN", 2)
     query = "select * from frames order by stamp_ns"
     before = open_archive(filled).query(query)
     archive("run", filled, filled, "--job", "index")
@@ -215,10 +215,46 @@ def test_joined_tables_say_the_same(filled, monkeypatch):
     next((filled / "frames").rglob("*.parquet")).unlink()
     assert open_archive(filled).query(query) == before
     words = ("run", filled, filled, "--job", "recompress", "--set", "max_error_m=0.05", "--workers", "here")
-    archive(*words)
+    done = archive(*words, "--json")
+    assert (json.loads(done.stdout)["joined"], json.loads(done.stdout)["removed"]) == (1, 1)
     assert len(open_archive(filled).query(query)[1]) == FRAMES
+    damaged = next((filled / "index").glob("*.json"))
+    damaged.write_text('{"segments": [[[')
+    assert len(open_archive(filled).query(query)[1]) == FRAMES
+    assert "a joined table is not used" in caplog.text
     done = archive("run", filled, filled, "--job", "index", "--json")
     assert json.loads(done.stdout)["removed"] == 1
+
+
+def test_other_settings_do_not_archive_an_input_twice(inputs, filled, caplog):
+    other = ("run", inputs, filled, *SHORT, "--codec", "zstd")
+    with unchanged(filled):
+        done = archive(*other, "--json")
+    told = json.loads(done.stdout)
+    assert (told["other_settings"], told["unfinished"], told["tasks"]) == (1, 0, 0)
+    assert "with other settings (codec=pcodec)" in caplog.text
+    assert "--job recompress replaces them, --keep-both adds them once more" in caplog.text
+    next((filled / "commits").rglob("*.json")).unlink()
+    done = archive(*other, "--json", code=1)
+    assert json.loads(done.stdout)["unfinished"] == 1
+    assert json.loads(archive(*other, "--keep-both", "--json").stdout)["segments"] == 2
+
+
+def test_an_input_that_was_replaced_under_its_name_is_archived_and_not_compared(inputs, filled, caplog):
+    path = inputs / "car-7/roof/drive.pcap"
+    path.write_bytes(path.read_bytes())  # another time of change
+    done = archive("run", inputs, filled, "--job", "verify", "--workers", "here", "--json")
+    assert (json.loads(done.stdout)["segments"], json.loads(done.stdout)["compared"]) == (2, 0)
+    told = json.loads(archive("run", inputs, filled, *SHORT, "--json").stdout)
+    assert (told["changed"], told["segments"]) == (1, 2)
+    assert "changed since they were archived" in caplog.text
+
+
+def test_a_damaged_plan_is_no_end_of_a_run(inputs, filled, caplog):
+    next((filled / "commits").rglob("*.json")).unlink()
+    next((filled / "plans").iterdir()).write_text('{"segments": [{"first": 1e9}]}')
+    assert json.loads(archive("run", inputs, filled, *SHORT, "--json").stdout)["segments"] == 1
+    assert "is damaged" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -227,7 +263,11 @@ def test_joined_tables_say_the_same(filled, monkeypatch):
         (("--job", "nothing"), "unknown job"),
         (("--workers", "dask"), "--scheduler"),
         (("--set", "target_kbps=auto"), "only in live streams"),
-        (("--job", "verify", "--codec", "zstd"), "no settings"),
+        (("--job", "verify", "--codec", "zstd"), "--codec and --set are only for --job compress, recompress"),
+        (("--job", "verify", "--seconds", "9"), "--seconds is only for --job compress"),
+        (("--job", "index", "--processes", "2"), "runs in this process"),
+        (("--workers", "here", "--processes", "2"), "--processes is only for --workers processes"),
+        (("--workers", "here", "--timeout", "9"), "--timeout is not for --workers here"),
         (("--job", "recompress"), "needs the new settings"),
         (("--delete-old",), "only for --job recompress"),
         (("--codec", "nothing"), "unknown codec"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,33 @@ def test_a_recording_that_is_being_written_waits(folder, tmp_path):
         fcntl.flock(file, fcntl.LOCK_EX)
         counts = push(folder, FolderStore(tmp_path / "store"), rate=Rate(None))
     assert (counts["uploaded"], counts["still_written"]) == (1, 1)
+
+
+def test_a_recording_that_is_removed_meanwhile_ends_nothing(folder, tmp_path, monkeypatch):
+    """The recorder removes the oldest files of a full folder whenever it likes."""
+    whole, first = Path.glob, folder / "car-7_roof_0.mcap"
+
+    def glob(self, pattern):
+        yield from [*whole(self, pattern), folder / "gone.mcap"]
+
+    monkeypatch.setattr(Path, "glob", glob)
+    counts = push(folder, FolderStore(tmp_path / "a"), rate=Rate(None), stopped=lambda: first.unlink(missing_ok=True))
+    assert (counts["uploaded"], counts["gone"]) == (1, 1)
+
+
+def test_a_pipe_and_a_changed_recording_are_kept(folder, tmp_path):
+    os.mkfifo(folder / "pipe.mcap")
+    path = folder / "car-7_roof_1.mcap"
+
+    class Slow(FolderStore):
+        def read(self, name, start=0, length=None):
+            if name.endswith("_1.mcap"):
+                path.touch()
+            return super().read(name, start, length)
+
+    with pytest.raises(SourceError, match="changed while it was uploaded"):
+        push(folder, Slow(tmp_path / "store"), rate=Rate(None), delete=True)
+    assert path.exists()
 
 
 def test_a_rate_is_kept():

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from random import Random
 
 import pytest
 
+from lidarcodec.archive import index as index_module
 from lidarcodec.archive.contents import WHOLE, Contents, commits_of
 from lidarcodec.archive.driver import KILLS, TRIES, drive
 from lidarcodec.archive.inputs import inputs_of
-from lidarcodec.archive.names import FORMAT, Commit, commit_of, id_of
-from lidarcodec.archive.product import Product, publish, read_commit
+from lidarcodec.archive.names import FORMAT, Commit, commit_of, id_of, json_of
+from lidarcodec.archive.objects import read_commit
+from lidarcodec.archive.plan import SegmentPlan
+from lidarcodec.archive.product import Product, publish
+from lidarcodec.archive.query import query
 from lidarcodec.archive.stores.base import Entry, check_name
 from lidarcodec.archive.stores.folder import FolderStore
+from lidarcodec.archive.table import COLUMNS, Tables, write_table
 from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SourceError
 
@@ -29,7 +35,8 @@ def product(folder, text: str) -> Product:
     commit = Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT)
     names = f"car-7/roof/{SEGMENT}-{text}"
     value = {"format": FORMAT, "segment": SEGMENT, "object": f"recordings/{names}", "table": f"frames/{names}",
-             "sha256": text, "bytes": len(text), "messages": []}  # fmt: skip
+             "sha256": text, "bytes": len(text), "frames": 1, "packets": 1, "settings": {}, "job": "recompress",
+             "messages": [[5, 0, 5, 7, 0, 1, 1, -1]]}  # fmt: skip
     return Product(recording, table, commit, value)
 
 
@@ -50,6 +57,67 @@ def test_a_damaged_commit_is_an_error_that_names_it(tmp_path):
         store.create(commit.name, text)
         with pytest.raises(SourceError, match="is damaged"):
             read_commit(store, commit)
+
+
+@pytest.mark.parametrize(
+    ("key", "bad"),
+    [
+        ("frames", 10**18), ("frames", -1), ("frames", True), ("frames", "1"), ("bytes", 4), ("packets", 1.0),
+        ("settings", []),
+        ("object", "commits/car-7/roof/x"), ("object", "../x"), ("table", 5), ("sha256", None),
+        ("messages", [[5, 0, 5, 7, 0, 10**18, 1, -1]]), ("messages", [[5, 0, 5, 7, 0, 1, 1]]), ("messages", 7),
+        ("messages", [[5, 2, 10**15, 7, 0, 1, 1, -1]]), ("messages", [[5, 0, 1, 7, n, 20_000, 1, -1] for n in (1, 2)]),
+        ("job", "compress"),
+    ],
+)  # fmt: skip
+def test_numbers_of_a_hostile_commit_are_bounded(tmp_path, key, bad):
+    made = product(tmp_path / "a", "first")
+    store = FolderStore(tmp_path / "store")
+    store.create(made.commit.name, json_of(made.value))
+    assert read_commit(store, made.commit) == made.value
+    store.delete(made.commit.name)
+    store.create(made.commit.name, json_of(made.value | {key: bad}))
+    with pytest.raises(SourceError, match="is damaged"):
+        read_commit(store, made.commit)
+
+
+def test_a_ring_of_damaged_commits_ends(tmp_path):
+    store = FolderStore(tmp_path)
+    for one, other in ((ORIGIN, SEGMENT), (SEGMENT, ORIGIN)):
+        store.create(Commit("car-7", "roof", 5, 9, one, other).name, b"{}")
+        store.create(f"recordings/car-7/roof/{one}-x.mcap", b"")
+    assert list(SegmentPlan("recompress", store, store, lambda _: {}, clears=True).tasks()) == []
+
+
+def test_tables_are_joined_as_they_grow_and_each_row_is_read_once(tmp_path, monkeypatch):
+    """Whatever is joined, and when: a segment's rows are in one of the tables that a query reads."""
+    monkeypatch.setattr(index_module, "FAN_IN", 3)
+    store, random = FolderStore(tmp_path / "store"), Random(33)
+    commits: list[Commit] = []
+    for step in range(20):
+        origin = random.choice(commits).segment if commits and random.random() < 0.2 else id_of("origin", step)
+        segment = id_of("segment", step)
+        commit = Commit("car-7", "roof", step, step, origin, segment)
+        path = tmp_path / "part.parquet"
+        write_table([dict.fromkeys(COLUMNS) | {"segment": segment, "stamp_ns": step, "vehicle": "car-7"}], path)
+        name = f"frames/car-7/roof/{segment}-{'0' * 16}.parquet"
+        store.create(name, path)
+        store.create(commit.name, b"{}")
+        commits.append(commit)
+        if step % 4 != 3:
+            continue
+        index_module.index(store)
+        replaced = {one.origin for one in commits}
+        expected = sorted(one.first_ns for one in commits if one.segment not in replaced)
+        assert query(store, "select stamp_ns from frames order by all")[1] == [(stamp,) for stamp in expected]
+    assert len(index_module.tables_to_read(store).names) <= 8
+
+
+def test_a_query_looks_again_when_tables_were_joined_meanwhile(tmp_path, monkeypatch):
+    store = FolderStore(tmp_path)
+    lists = iter([Tables(["frames/gone.parquet"]), Tables([])])
+    monkeypatch.setattr("lidarcodec.archive.query.tables_to_read", lambda _: next(lists))
+    assert query(store, "select count(*) from frames")[1] == [(0,)]
 
 
 def test_a_replaced_segment_is_not_visible(tmp_path):
@@ -85,7 +153,8 @@ class Scripted:
 class TwoTasks:
     """A plan of a good task and a bad one."""
 
-    inputs = finished = 0
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
 
     def tasks(self):
         for label in ("bad", "good"):

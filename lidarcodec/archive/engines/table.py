@@ -10,34 +10,44 @@ from lidarcodec.archive.engines.base import Engine
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 
 ENGINES: Final = ("processes", "dask", "here")
+WORKERS: Final = "processes"
+"""The default."""
+TIMEOUT_S: Final = 1800.0
 
 
-def check_engine(name: str, scheduler: str | None) -> None:
-    """Raise UnknownNameError, SettingsError or MissingExtraError for an engine that cannot be made."""
+def check_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float | None) -> None:
+    """Raise UnknownNameError, SettingsError or MissingExtraError for an engine that cannot be made. None: not given"""
     if name not in ENGINES:
         raise UnknownNameError("engine", name, ENGINES)
     if name == "dask" and scheduler is None:
         raise SettingsError("--workers dask needs --scheduler ADDRESS, such as tcp://10.0.0.5:8786", "scheduler")
     if name != "dask" and scheduler is not None:
         raise SettingsError("--scheduler is only for --workers dask", "scheduler")
+    if name != "processes" and count is not None:
+        raise SettingsError("--processes is only for --workers processes", "processes")
+    if name == "here" and timeout_s is not None:
+        raise SettingsError(
+            "--timeout is not for --workers here: a task cannot be ended without the command", "timeout"
+        )
     if name == "dask" and find_spec("distributed") is None:
         raise MissingExtraError("--workers dask", "cluster")
 
 
-def make_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float) -> Engine:
-    """An engine. count: worker processes, by default one for each processor;  timeout_s: of a task
+def make_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float | None) -> Engine:
+    """An engine. count: worker processes, by default one for each processor;  timeout_s: of a task, TIMEOUT_S if None
 
     Raises as `check_engine`, and SourceError if no cluster answers.
     """
-    check_engine(name, scheduler)
+    check_engine(name, scheduler, count, timeout_s)
+    limit_s = TIMEOUT_S if timeout_s is None else timeout_s
     if name == "dask":
         from lidarcodec.archive.engines.dask import DaskEngine
 
-        return DaskEngine(str(scheduler), timeout_s)
+        return DaskEngine(str(scheduler), limit_s)
     if name == "here":
         from lidarcodec.archive.engines.here import HereEngine
 
         return HereEngine()
     from lidarcodec.archive.engines.processes import ProcessEngine
 
-    return ProcessEngine(count or len(os.sched_getaffinity(0)), timeout_s)
+    return ProcessEngine(count or len(os.sched_getaffinity(0)), limit_s)

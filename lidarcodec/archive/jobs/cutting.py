@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from lidarcodec.archive.jobs.reading import input_of, named, opened
-from lidarcodec.archive.names import json_of
+from lidarcodec.archive.names import PlanName, json_of
 from lidarcodec.archive.segments import cut
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
@@ -17,7 +17,7 @@ from lidarcodec.sources.unkept import unkept
 
 
 def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Create the plan of an input. value: `input` (fields of Input), `id`, `settings`, `seconds`
+    """Create the plan of an input. value: `input` (fields of Input), `origin`, `settings`, `seconds`
 
     Returns the plan. Raises SourceError and others for an input that cannot be read.
     """
@@ -45,10 +45,11 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
         "vehicle": vehicle,
         "sensor": sensor,
         "settings": value["settings"],
+        "seconds": value["seconds"],
         "segments": [segment.plain() for segment in segments],
         "not_kept": "; ".join(filter(None, lost)) or None,
     }
-    target.create(f"plans/{value['id']}-{len(segments)}.json", json_of(plan))
+    target.create(PlanName(one.name_id(), one.id(), value["origin"], len(segments)).object, json_of(plan))
     return plan
 
 

@@ -26,13 +26,13 @@ def input_of(value: dict[str, Any]) -> Input:
 
 
 def made_from(found: dict[str, Any], source: Store) -> Input | None:
-    """The input of a segment; None if it is not there any more, or the segment was made from another recording."""
+    """The input of a segment; None if it is not there any more as it was, or the segment was made from another one."""
     if found.get("job") != "compress":
         return None
     beside = tuple(Entry(*one) for one in found["beside"])
     one = Input(found["input"], found["input_size"], found["input_tag"], found["vehicle"], found["sensor"], beside)
-    names = [entry.name for entry in beside] if one.name.endswith("/") else [one.name]
-    return one if all(source.size(name) is not None for name in names) else None
+    entries = beside if one.name.endswith("/") else (*beside, Entry(one.name, one.size, one.tag))
+    return one if all(source.entry(entry.name) == entry for entry in entries) else None
 
 
 @contextmanager

@@ -10,7 +10,8 @@ from itertools import chain
 from typing import Any
 
 from lidarcodec.archive.names import Commit, id_of
-from lidarcodec.archive.product import About, publish, read_commit, write_product
+from lidarcodec.archive.objects import read_commit
+from lidarcodec.archive.product import About, publish, write_product
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError

@@ -7,7 +7,7 @@ from typing import Any
 
 from lidarcodec.archive.jobs.reading import made_from, opened
 from lidarcodec.archive.names import Commit, json_of
-from lidarcodec.archive.product import read_commit
+from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.segments import Segment, packets_in
 from lidarcodec.archive.stores.base import Store

@@ -65,12 +65,17 @@ class Store(ABC):
         """Delete an object. No error if there is none."""
 
     @abstractmethod
-    def size(self, name: str) -> int | None:
-        """Bytes of an object; None if there is none."""
+    def entry(self, name: str) -> Entry | None:
+        """Size and tag of an object, as in a listing; None if there is none."""
 
     @abstractmethod
     def download(self, name: str, path: Path) -> None:
         """Write an object to a file."""
+
+    def size(self, name: str) -> int | None:
+        """Bytes of an object; None if there is none."""
+        found = self.entry(name)
+        return None if found is None else found.size
 
     def chunks(self, name: str, step: int = 8 << 20) -> Iterator[bytes]:
         """The bytes of an object in pieces of at most `step` bytes."""

@@ -44,7 +44,7 @@ class BucketStore(Store):
             pages = obstore.list(self._store, prefix or None, offset=after or None, chunk_size=_PAGE)
             for page in pages:
                 for found in sorted(page, key=lambda one: one["path"]):
-                    yield Entry(found["path"], found["size"], (found["e_tag"] or "").strip('"'))
+                    yield _entry(found)
 
     def read(self, name: str, start: int = 0, length: int | None = None) -> bytes:
         import obstore
@@ -79,12 +79,12 @@ class BucketStore(Store):
         with self._errors(name):
             obstore.delete(self._store, check_name(name))
 
-    def size(self, name: str) -> int | None:
+    def entry(self, name: str) -> Entry | None:
         import obstore
 
         try:
             with self._errors(name):
-                return int(obstore.head(self._store, check_name(name))["size"])
+                return _entry(obstore.head(self._store, check_name(name)))._replace(name=name)
         except FileNotFoundError:
             return None
 
@@ -110,6 +110,10 @@ class BucketStore(Store):
                     f"{self.url} has an object with a name that leaves its prefix or is empty: delete it first ({told})"
                 ) from None
             raise OSError(f"{self.url}: {told}") from None
+
+
+def _entry(found: Any) -> Entry:
+    return Entry(found["path"], int(found["size"]), (found["e_tag"] or "").strip('"'))
 
 
 def _told(error: Exception) -> str:

@@ -64,11 +64,12 @@ class FolderStore(Store):
     def delete(self, name: str) -> None:
         self._path(name).unlink(missing_ok=True)
 
-    def size(self, name: str) -> int | None:
+    def entry(self, name: str) -> Entry | None:
         try:
-            return self._path(name).stat().st_size
-        except FileNotFoundError:
+            found = self._path(name).stat()
+        except (FileNotFoundError, NotADirectoryError):
             return None
+        return Entry(name, found.st_size, f"{found.st_mtime_ns}")
 
     def download(self, name: str, path: Path) -> None:
         with path.open("wb") as file:

@@ -36,10 +36,22 @@ def run(
     ] = "compress",
     codec: CodecName = None,
     pairs: Pairs = None,
-    seconds: Annotated[float, Option("--seconds", min=1.0, max=600.0, metavar="S", help="Length of a segment.")] = 40.0,
+    seconds: Annotated[
+        float | None,
+        Option("--seconds", min=1.0, max=600.0, metavar="S", help="Length of a segment (compress). Default: 40."),
+    ] = None,
+    keep_both: Annotated[
+        bool,
+        Option("--keep-both", help="Add inputs once more that are there already with other settings (compress)."),
+    ] = False,
     workers: Annotated[
-        str, Option("--workers", metavar="NAME", help="Who works: processes, dask (a cluster), or here (this process).")
-    ] = "processes",
+        str | None,
+        Option(
+            "--workers",
+            metavar="NAME",
+            help="Who works: processes, dask (a cluster), or here (this process). Default: processes.",
+        ),
+    ] = None,
     processes: Annotated[
         int | None,
         Option(
@@ -50,8 +62,11 @@ def run(
         str | None, Option("--scheduler", metavar="ADDRESS", help="Scheduler of the Dask cluster: tcp://HOST:PORT.")
     ] = None,
     timeout: Annotated[
-        float, Option("--timeout", min=1.0, metavar="S", help="A task that takes longer is ended and tried again.")
-    ] = 1800.0,
+        float | None,
+        Option(
+            "--timeout", min=1.0, metavar="S", help="A task that takes longer is ended and tried again. Default: 1800."
+        ),
+    ] = None,
     before: Annotated[
         str | None, Option("--before", metavar="TIME", help="Only segments that ended before this time (recompress).")
     ] = None,
@@ -75,8 +90,9 @@ def run(
     from lidarcodec.commands.archive import run as command
 
     wanted = command.Wanted(
-        job, codec, pairs or [], seconds, workers, processes, scheduler, timeout, before, delete_old, dry_run, repair
-    )
+        job, codec, pairs or [], seconds, keep_both, before, delete_old, dry_run, repair, workers, processes, scheduler,
+        timeout,
+    )  # fmt: skip
     if not command.run(source, archive, wanted, as_json):
         raise typer.Exit(FAILED)
 

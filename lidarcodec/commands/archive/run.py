@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 from lidarcodec.archive.archive import time_ns
 from lidarcodec.archive.driver import Outcome, Plan, drive
-from lidarcodec.archive.engines.table import check_engine, make_engine
+from lidarcodec.archive.engines.table import WORKERS, check_engine, make_engine
 from lidarcodec.archive.index import index
-from lidarcodec.archive.plan import CommitPlan, CompressPlan, archive_settings
+from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
+from lidarcodec.archive.names import Commit
+from lidarcodec.archive.plan import CompressPlan, SegmentPlan, archive_settings
 from lidarcodec.archive.repair import repair
+from lidarcodec.archive.segments import SECONDS
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.archive.table import check_extra
@@ -19,62 +23,119 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
-from lidarcodec.errors import SettingsError, UnknownNameError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import check_offline
 from lidarcodec.settings import StreamSettings
 
 log = logging.getLogger(__name__)
 
-JOBS: Final = ("compress", "verify", "recompress", "index")
 NUMBERS: Final = (
-    "inputs", "finished", "tasks", "segments", "frames", "packet_bytes", "bytes", "bytes_before", "unchanged",
-    "compared", "joined", "removed", "tried_again", "done_twice",
+    "inputs", "finished", "other_settings", "unfinished", "changed", "tasks", "segments", "frames", "packet_bytes",
+    "bytes", "bytes_before", "unchanged", "compared", "joined", "removed", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
+_WORKING: Final = ("workers", "processes", "scheduler", "timeout")
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Options of the command."""
+    """Options of the command; None, False or empty if not given."""
 
     job: str
     codec: str | None
     pairs: list[str]
-    seconds: float
-    workers: str
-    processes: int | None
-    scheduler: str | None
-    timeout_s: float
+    seconds: float | None
+    keep_both: bool
     before: str | None
     delete_old: bool
-    dry: bool
+    dry_run: bool
     repair: bool
+    workers: str | None
+    processes: int | None
+    scheduler: str | None
+    timeout: float | None
 
 
 def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
-    """Do the job and print what was done. Returns whether nothing was set aside, left or found broken."""
-    settings = _checked(wanted)
+    """Do the job and print what was done. Returns whether nothing was set aside, left, found broken or unfinished."""
+    job, settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
-    if wanted.job == "compress" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
+    if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
         raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
     result = _nothing(wanted)
     if wanted.repair:
         result["repaired"] = dict(repair(target, inputs))
-    if wanted.job == "index":
-        joined = index(target)
-        result |= {"joined": joined["joined"], "segments": joined["segments"], "removed": joined["removed"]}
+    if job.each == "archive":
+        result |= work_of(wanted.job)({}, inputs, target)
         tell(result, _text(result), as_json)
         return True
-    plan = _plan(wanted, inputs, target, settings)
-    if wanted.dry and wanted.job != "recompress":
+    plan, outcome = _plan(wanted, inputs, target, settings), Outcome()
+    if wanted.dry_run and not job.previews:
         result["tasks"] = sum(1 for _ in plan.tasks())
-        result |= {"inputs": plan.inputs, "finished": plan.finished}
-        tell(result, _text(result), as_json)
-        return True
-    engine = make_engine(wanted.workers, wanted.scheduler, wanted.processes, wanted.timeout_s)
+    else:
+        outcome = _driven(wanted, plan, target)
+        _fill(result, outcome, wanted.job)
+        if job.changes and not (wanted.dry_run or outcome.left):
+            result |= _joined(target)
+    result |= plan.counts
+    for remark in plan.remarks():
+        log.warning("%s", remark)
+    tell(result, _text(result), as_json)
+    return not (outcome.aside or outcome.left or result["broken"] or result["unfinished"])
+
+
+def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
+    """The job and its settings, if all options fit each other."""
+    job = job_of(wanted.job)
+    given = {
+        "settings": wanted.codec or wanted.pairs,
+        "seconds": wanted.seconds,
+        "keep_both": wanted.keep_both,
+        "before": wanted.before,
+        "delete_old": wanted.delete_old,
+        "dry_run": wanted.dry_run,
+    }
+    for name, value in given.items():
+        if value not in (None, False, []) and name not in job.takes:
+            word = "--codec and --set are" if name == "settings" else f"--{name.replace('_', '-')} is"
+            raise SettingsError(f"{word} only for --job {', '.join(takers(name))}, not for {wanted.job}", name)
+    if wanted.repair and wanted.dry_run:
+        raise SettingsError("--repair removes objects: give it without --dry-run")
+    if wanted.job == "recompress" and not given["settings"]:
+        raise SettingsError("--job recompress needs the new settings: --codec or --set")
+    working = [name for name in _WORKING if getattr(wanted, name) is not None]
+    if job.each == "archive" and working:
+        raise SettingsError(f"--{working[0]} is not for --job {wanted.job}: it runs in this process", working[0])
+    check_extra()
+    check_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
+    return job, archive_settings(check_offline(one_setting(wanted.codec, wanted.pairs)))
+
+
+def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings) -> Plan:
+    if wanted.job == "compress":
+        return CompressPlan(source, target, settings, wanted.seconds or SECONDS, keep_both=wanted.keep_both)
+    if wanted.job == "verify":
+
+        def verified() -> Callable[[Commit], bool]:
+            names = {entry.name for entry in target.entries("verified/")}
+            return lambda commit: f"verified/{commit.segment}.json" in names
+
+        return SegmentPlan("verify", source, target, lambda _: {}, done=verified)
+    before_ns = None if wanted.before is None else time_ns(wanted.before)
+    more = {"settings": settings.model_dump(mode="json"), "delete_old": wanted.delete_old, "dry": wanted.dry_run}
+
+    def chosen(commit: Commit) -> dict[str, Any] | None:
+        return more if before_ns is None or commit.last_ns < before_ns else None
+
+    return SegmentPlan(wanted.job, source, target, chosen, clears=wanted.delete_old)
+
+
+def _driven(wanted: Wanted, plan: Plan, target: Store) -> Outcome:
+    """Do all tasks, and say what could not be done."""
+    engine = make_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
     try:
         with stoppable() as stopped, progress(wanted.job) as tick:
             outcome = drive(plan, engine, target, stopped=stopped, tick=tick)
@@ -84,54 +145,28 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
         log.warning("%s: %s", label, why)
     if not outcome.complete:
         raise StoppedError("stopped: run the same command again to continue")
-    _fill(result, plan, outcome, wanted.job)
-    tell(result, _text(result), as_json)
-    return not (outcome.aside or outcome.left or result["broken"])
+    return outcome
 
 
-def _checked(wanted: Wanted) -> StreamSettings:
-    """The settings, if all options fit each other."""
-    if wanted.job not in JOBS:
-        raise UnknownNameError("job", wanted.job, JOBS)
-    if wanted.job != "recompress" and (wanted.delete_old or wanted.before):
-        raise SettingsError("--delete-old and --before are only for --job recompress")
-    if wanted.job in ("verify", "index") and (wanted.codec or wanted.pairs):
-        raise SettingsError(f"--job {wanted.job} takes no settings")
-    if wanted.repair and wanted.dry:
-        raise SettingsError("--repair removes objects: give it without --dry-run")
-    if wanted.job == "index" and wanted.dry:
-        raise SettingsError("--dry-run is not for --job index")
-    if wanted.job == "recompress" and not (wanted.codec or wanted.pairs):
-        raise SettingsError("--job recompress needs the new settings: --codec or --set")
-    check_extra()
-    check_engine(wanted.workers, wanted.scheduler)
-    return archive_settings(check_offline(one_setting(wanted.codec, wanted.pairs)))
-
-
-def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings) -> Plan:
-    if wanted.job == "compress":
-        return CompressPlan(source, target, settings, wanted.seconds)
-    more: dict[str, Any] = {}
-    if wanted.job == "recompress":
-        more = {
-            "settings": settings.model_dump(mode="json"),
-            "delete_old": wanted.delete_old,
-            "dry": wanted.dry,
-            "before_ns": None if wanted.before is None else time_ns(wanted.before),
-        }
-    return CommitPlan(wanted.job, source, target, more)
+def _joined(target: Store) -> dict[str, int]:
+    """Join tables at the end of a run. They only make queries faster, so a failure is no failure of the run."""
+    try:
+        return index(target)
+    except (OSError, SourceError, SettingsError) as error:
+        log.warning("tables were not joined, so queries are slower; --job index does it later: %s", error)
+        return {}
 
 
 def _nothing(wanted: Wanted) -> dict[str, Any]:
     """The result of a run that did nothing."""
     numbers = dict.fromkeys(NUMBERS, 0)
     lists: dict[str, list[Any]] = {"aside": [], "left": [], "broken": []}
-    return {"job": wanted.job} | numbers | {"repaired": {}} | lists | {"dry_run": wanted.dry}
+    return {"job": wanted.job} | numbers | {"repaired": {}} | lists | {"dry_run": wanted.dry_run}
 
 
-def _fill(result: dict[str, Any], plan: Plan, outcome: Outcome, job: str) -> None:
+def _fill(result: dict[str, Any], outcome: Outcome, job: str) -> None:
     """Set in the result what a run did."""
-    result |= {"inputs": plan.inputs, "finished": plan.finished, "tasks": outcome.tasks}
+    result["tasks"] = outcome.tasks
     result |= {name: outcome.counts[name] for name in NUMBERS if name in outcome.counts}
     result["segments"] = outcome.counts[job] - result["unchanged"]
     result["aside"] = [{"what": label, "why": why} for label, why in outcome.aside]
