@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lidarcodec.filling import filled
     from lidarcodec.frame import Frame
     from lidarcodec.message import Message
+    from lidarcodec.mounting import Mounting
     from lidarcodec.packet import Packet, data_packets
     from lidarcodec.pipeline import StreamDecoder, StreamEncoder
     from lidarcodec.sensor_model import SensorModel
@@ -34,6 +35,7 @@ _HOME = {
     "Frame": "frame",
     "LiveStream": "apps.receiver.live_stream",
     "Message": "message",
+    "Mounting": "mounting",
     "Packet": "packet",
     "Publisher": "apps.publisher.publisher",
     "Record": "apps.recorder",
@@ -65,6 +67,7 @@ __all__ = [
     "LidarCodecError",
     "LiveStream",
     "Message",
+    "Mounting",
     "Packet",
     "Publisher",
     "Record",

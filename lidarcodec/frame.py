@@ -18,6 +18,8 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
 from lidarcodec.units import MAX_COLUMNS
 
+OPTIONAL: Final = ("keep", "pose", "mount", "lattice", "filled")
+"""Arrays that a frame can do without."""
 PLANE_DTYPES: Final = frozenset(map(np.dtype, (np.uint8, np.uint16, np.uint32)))
 
 
@@ -63,6 +65,7 @@ class Frame:
     keep:      (H, W) bool or None: returns that a reducer keeps; the others decode as no return
     pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
     lattice:   (K,) uint16 or None: the columns that are sent, ascending, where a frame is thinned to some of them
+    mount:     (4, 4) float64 or None: T_vehicle_sensor, where the sensor sits on its vehicle
     filled:    (H, W) bool or None: returns that a receiver interpolated between those columns; they are never sent
     """
 
@@ -79,6 +82,7 @@ class Frame:
     lattice: npt.NDArray[np.uint16] | None = None
     filled: npt.NDArray[np.bool_] | None = None
     planes: Mapping[str, npt.NDArray[np.unsignedinteger]] = field(default_factory=dict)
+    mount: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] = getattr(self.range, "shape", ())
@@ -103,12 +107,13 @@ class Frame:
             "fired": (np.bool_, halves),
             "keep": (np.bool_, image),
             "pose": (np.float64, (4, 4)),
+            "mount": (np.float64, (4, 4)),
             "lattice": (np.uint16, (-1 if self.lattice is None else len(self.lattice),)),
             "filled": (np.bool_, image),
         }
         for name, (dtype, wants) in wanted.items():
             array = getattr(self, name)
-            if array is not None or name not in ("keep", "pose", "lattice", "filled"):
+            if array is not None or name not in OPTIONAL:
                 object.__setattr__(self, name, _read_only(array, name, dtype, wants))
         if self.planes:
             planes = {
@@ -162,7 +167,7 @@ class Frame:
         """For pickle and `multiprocessing`: half a megabyte for a turn of an HDL-64E."""
         ranges = self.range_u16 if self.sensor.is_hdl64e else self.range
         fields: list[Any] = [self.index, self.stamp_ns, ranges, self.intensity, self.azimuth, self.fired, self.sensor]
-        fields += [self.side, self.keep, self.pose, self.lattice, self.filled, dict(self.planes)]
+        fields += [self.side, self.keep, self.pose, self.lattice, self.filled, dict(self.planes), self.mount]
         return type(self), tuple(fields)
 
     def with_(self, **changes: Any) -> Frame:

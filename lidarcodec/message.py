@@ -28,6 +28,7 @@ class SectionType(IntEnum):
     PLANES = 14
     REST = 15
     CLOUD = 16
+    MOUNT = 17
 
 
 class Section(NamedTuple):

@@ -22,6 +22,7 @@ from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
 from lidarcodec.message import Message, SectionType
+from lidarcodec.mounted_stream import MountMemory, MountNotes, mounted
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
@@ -121,7 +122,7 @@ class StreamEncoder:
         self._sensor: SensorModel | None = None
         """The sensor whose frames that codes."""
         self._images: ImageKind | None = None
-        self._lattices = LatticeNotes()
+        self._lattices, self._mounts = LatticeNotes(), MountNotes()
         self._last_index = -1
         self._index_again = False
         self.reduced: Frame | None = None
@@ -165,6 +166,10 @@ class StreamEncoder:
         if not self._hdl64e and self._images is None:
             self._look_at(frame)
         frame = self._reducing.reduce(measured_only(frame))
+        if self._mounts.differs(frame):  # what was held back has the mounting of before
+            self._held += self._flushed() if self._last_index >= 0 else []
+            self._mounts.take(frame)
+            key = True
         held, self._held = self._held, []
         rate, key = self._rate, key or self._index_again
         self.left_out = rate is not None and not key and rate.leaves_out(frame)
@@ -189,10 +194,13 @@ class StreamEncoder:
     def _coded(self, frame: Frame, *, key: bool) -> list[Message]:
         self.reduced = frame
         if self._other is not None:  # its messages hold the lattice themselves
-            return self._other.encode(frame, key=key)
+            return [self._mounts.noted(message) for message in self._other.encode(frame, key=key)]
         messages = self._encoder.encode(thinned(frame), key=key)
         self._lattices.goes_in(frame)
-        return [self._lattices.noted(message) for message in messages]
+        return [self._noted(message) for message in messages]
+
+    def _noted(self, message: Message) -> Message:
+        return self._mounts.noted(self._lattices.noted(message))
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
@@ -277,7 +285,7 @@ class StreamEncoder:
         return self._reducing.report() if self._rate is None else self._reducing.report() or self._thinning.report()
 
     def _flushed(self) -> list[Message]:
-        messages = [self._lattices.noted(message) for message in self._encoder.flush()]
+        messages = [self._noted(message) for message in self._encoder.flush()]
         if self._rate is not None:
             self._rate.sent(None, messages)
         return messages
@@ -330,6 +338,7 @@ class StreamDecoder:
         self._make_decoder = make_decoder
         self._decoder: Decoder | None = None
         self._of: tuple[int, int, bool] | None = None
+        self._mounts = MountMemory()
 
     def decode(self, message: Message) -> list[Frame]:
         """Frames that became complete with this message."""
@@ -339,8 +348,9 @@ class StreamDecoder:
             fresh = PlaneDecoder(message.codec) if message.planes else self._make_decoder(message.codec)
             frames = self.flush()
             self._decoder, self._of = fresh, of
+        mount = self._mounts.read(message)
         decoded = self._decoder.decode(message)
-        return frames + (decoded if message.planes else in_own_columns(decoded, message))
+        return frames + mounted(decoded if message.planes else in_own_columns(decoded, message), mount)
 
     def flush(self) -> list[Frame]:
         """Frames that were held back."""

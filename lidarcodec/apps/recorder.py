@@ -19,6 +19,7 @@ from lidarcodec.apps.spot_check import SpotCheck
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RotatingRecorder
@@ -67,12 +68,21 @@ class BackgroundRecorder:
             given to `sent`, and the counts of the RotatingRecorder
     """
 
-    def __init__(self, folder: Path, keys: StreamKeys, settings: StreamSettings | None = None, **limits: int) -> None:
-        """limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of the RotatingRecorder.
+    def __init__(
+        self,
+        folder: Path,
+        keys: StreamKeys,
+        settings: StreamSettings | None = None,
+        mount: Mounting | None = None,
+        **limits: int,
+    ) -> None:
+        """mount: noted in each file, for packets, which do not say it
+        limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of the RotatingRecorder.
 
         Raises SettingsError for limits that contradict each other.
         """
-        self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, **limits)
+        said = None if mount is None else {MOUNT_TEXT: str(mount)}
+        self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, metadata=said, **limits)
         self._encoder: StreamEncoder | None = None
         self._queue: deque[bytes | list[Packet] | Frame | Cloud] = deque()
         self._condition = threading.Condition()

@@ -64,6 +64,7 @@ STATUS_FIELDS = frozenset(
         "sensor_model",
         "matching",
         "ended",
+        "mount",
         "time_source",
         "packets",
         "assembled",

@@ -23,6 +23,7 @@ from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record
 from lidarcodec.errors import LidarCodecError, TransportError
+from lidarcodec.mounting import Mounting
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport import Endpoints, Transport, open_transport
@@ -49,6 +50,7 @@ class SensorPlan:
     live: bool = True
     rate: Rate | None = None
     with_poses: bool = False
+    mount: Mounting | None = None
     record: Record | None = None
     keep: Keep | None = None
     original: bool = False
@@ -226,6 +228,7 @@ class _Sensor:
                 record=plan.record,
                 keep=self._keeper,
                 poses=source.poses if plan.with_poses else None,
+                mount=plan.mount,
                 original=plan.original,
             )
             with publisher:

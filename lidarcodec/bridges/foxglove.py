@@ -2,6 +2,7 @@
 
     frame of a stream -> foxglove.PointCloud     -> /VEHICLE/SENSOR/points
     its pose, if any  -> foxglove.FrameTransform -> /VEHICLE/SENSOR/pose
+    its mounting      -> foxglove.FrameTransform -> /VEHICLE/SENSOR/mount, once a second
     once a second     -> JSON                    -> /VEHICLE/SENSOR/statistics
 
 Streams without viewers are not converted. If a viewer is slow, its oldest messages are dropped. Viewers connect through
@@ -87,6 +88,7 @@ class _Channels:
 
         self.points = channel("points", messages.POINT_CLOUD)
         self.pose = channel("pose", messages.FRAME_TRANSFORM)
+        self.mount = channel("mount", messages.FRAME_TRANSFORM)
         about = Schema(name=STATISTICS, encoding="jsonschema", data=json.dumps(STATISTICS_SCHEMA).encode())
         topic = f"/{key.vehicle}/{key.sensor}/statistics"
         self.statistics = Channel(topic, schema=about, message_encoding="json", context=context)
@@ -96,10 +98,19 @@ class _Channels:
         self.cloud_bytes = 0
         self.bytes = 0
         self.measured_s = time.monotonic()
+        self._mounted_s = -EVERY_S
+
+    def due(self) -> bool:
+        """Whether the mounting was not said for a second: viewers come later, and Foxglove keeps none for them."""
+        now_s = time.monotonic()
+        if now_s - self._mounted_s < EVERY_S:
+            return False
+        self._mounted_s = now_s
+        return True
 
     def close(self) -> None:
         """Remove the channels from all viewers."""
-        for one in (self.points, self.pose, self.statistics):
+        for one in (self.points, self.pose, self.mount, self.statistics):
             one.close()
 
 
@@ -213,9 +224,11 @@ class FoxgloveBridge:
         channels = self._channels[key]
         channels.returns, channels.made_up = int(frame.valid.sum()), None
         stamp = max(0, frame.stamp_ns)
-        if frame.pose is not None and channels.pose.has_sinks():
-            data = messages.frame_transform(frame.stamp_ns, messages.WORLD, channels.frame_id, frame.pose)
-            channels.pose.log(data, log_time=stamp)
+        transforms = messages.transforms_of(frame, key.vehicle, channels.frame_id)
+        for channel, transform in zip((channels.pose, channels.mount), transforms, strict=True):
+            if transform is None or not channel.has_sinks() or (channel is channels.mount and not channels.due()):
+                continue
+            channel.log(transform, log_time=stamp)
             self._count(transforms=1)
         if not channels.points.has_sinks():
             self._count(unwatched=1)

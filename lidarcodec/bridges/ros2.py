@@ -2,6 +2,7 @@
 
     frame of a stream -> PointCloud2 in CDR -> topic /VEHICLE/SENSOR/points
     its pose, if any  -> TFMessage          -> topic /tf
+    its mounting      -> TFMessage          -> topic /tf_static, once a second
 
 Nothing is made while nobody subscribes. A frame that comes while one is being sent replaces the one that waits.
 """
@@ -23,6 +24,7 @@ from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
 from lidarcodec.interop.ros import POINT_CLOUD2, TF_MESSAGE
+from lidarcodec.mounting import vehicle_pose
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
@@ -34,6 +36,9 @@ ROUTER: Final = "tcp/127.0.0.1:7447"
 NODE: Final = "lidarcodec_bridge"
 WORLD: Final = "map"
 TF_TOPIC: Final = "/tf"
+STATIC_TF_TOPIC: Final = "/tf_static"
+STATIC_S: Final = 1.0
+"""How often a mounting is said again: nothing here keeps messages for listeners that come later."""
 TF_DEPTH: Final = 100
 
 
@@ -42,7 +47,8 @@ class RosNames:
     """What things are called in ROS.
 
     topic, frame_id: of the one stream that there is; by default `/VEHICLE/SENSOR/points` and `VEHICLE/SENSOR`
-    world: the frame in which poses are given;  transforms: whether they are published;  domain: ROS_DOMAIN_ID
+    world: the frame in which poses are given;  transforms: whether they and mountings are published
+    domain: ROS_DOMAIN_ID
     type_hashes: False for ROS 2 Humble, which knows none
     """
 
@@ -56,6 +62,10 @@ class RosNames:
     def topic_of(self, keys: StreamKeys) -> str:
         """Of a stream's points."""
         return checked_topic(self.topic or topic_name(keys.vehicle, keys.sensor, "points"))
+
+    def vehicle_of(self, keys: StreamKeys) -> str:
+        """Name of the frame of a stream's vehicle."""
+        return f"{keys.vehicle}/base_link"
 
     def frame_of(self, keys: StreamKeys) -> str:
         """Of a stream's points, and the child of its transforms."""
@@ -91,8 +101,8 @@ class _Topic:
 class RosBridge:
     """Bridges streams until it is closed; a context manager.
 
-    counts: `clouds`, `points` (measured), `made_up` points and `transforms` sent, and `unwatched` frames, that nobody
-    subscribed to
+    counts: `clouds`, `points` (measured), `made_up` points, `transforms` and `mountings` sent, and `unwatched` frames,
+    that nobody subscribed to
     """
 
     def __init__(
@@ -132,6 +142,8 @@ class RosBridge:
         self._interrupted = False
         self._points: dict[StreamKeys, _Topic] = {}
         self._tf: _Topic | None = None
+        self._static: _Topic | None = None
+        self._mounted_s: dict[StreamKeys, float] = {}
         self._node: Closeable | None = None
         self._counting = threading.Lock()
 
@@ -173,7 +185,7 @@ class RosBridge:
         self._stop.set()
         self._streams.close()
         own = self._transport if self._given_transport is None else None
-        for one in (*self._points.values(), self._tf, self._node, own):
+        for one in (*self._points.values(), self._tf, self._static, self._node, own):
             if one is not None:
                 one.close()
 
@@ -189,12 +201,12 @@ class RosBridge:
             tf = Publisher(node, number, TF_TOPIC, TF_MESSAGE, TF_DEPTH)
             # Past clouds that wait for a slow network: behind one of those it would be thrown away.
             self._tf = _Topic(tf, self._transport, Priority.REAL_TIME)
+            static = Publisher(node, number + 1, STATIC_TF_TOPIC, TF_MESSAGE, TF_DEPTH)
+            self._static = _Topic(static, self._transport, Priority.REAL_TIME)
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
         topic, frame_id = self._points[key], self.names.frame_of(key)
-        if self._tf is not None and frame.pose is not None and self._tf.wanted:
-            self._tf.put(tf_message(frame.stamp_ns, self.names.world, frame_id, frame.pose))
-            self._count(transforms=1)
+        self._transform(key, frame, frame_id)
         if not topic.wanted:
             self._count(unwatched=1)
             return
@@ -203,6 +215,20 @@ class RosBridge:
             frame = filled(frame)
         topic.put(point_cloud2(frame, frame_id, marks=self._fill))
         self._count(clouds=1, points=points, made_up=int(frame.valid.sum()) - points)
+
+    def _transform(self, key: StreamKeys, frame: Frame, frame_id: str) -> None:
+        """Publish the pose of a frame, and its mounting if that was not said for a second."""
+        mount, vehicle, now_s = frame.mount, self.names.vehicle_of(key), time.monotonic()
+        if self._tf is not None and frame.pose is not None and self._tf.wanted:
+            child = frame_id if mount is None else vehicle
+            self._tf.put(tf_message(frame.stamp_ns, self.names.world, child, vehicle_pose(frame.pose, mount)))
+            self._count(transforms=1)
+        if self._static is None or mount is None or not self._static.wanted:
+            return
+        if now_s - self._mounted_s.get(key, -STATIC_S) >= STATIC_S:
+            self._mounted_s[key] = now_s
+            self._static.put(tf_message(frame.stamp_ns, vehicle, frame_id, mount))
+            self._count(mountings=1)
 
     def _count(self, **numbers: int) -> None:
         with self._counting:

@@ -23,6 +23,7 @@ from lidarcodec.ratecontrol.controller import TOLERANCE
 from lidarcodec.ratecontrol.reach import pinned
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
+from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.posed import with_poses
 
 log = logging.getLogger(__name__)
@@ -41,6 +42,7 @@ def run(
     force: bool = False,
     allow_missed: bool = False,
     as_json: bool = False,
+    mounted: Mounted = NOT_SAID,
 ) -> None:
     """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name.
 
@@ -50,9 +52,7 @@ def run(
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
     frames, skip = selection.frames, selection.skip
-    encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
-    if learn:
-        encoder.learn(0)
+    encoder = _encoder(codec, pairs, learn)
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
     check_free(out, force=force)
@@ -61,6 +61,7 @@ def run(
         stoppable(source.finish if source.live else None) as stopped,
         whole(out, force=force) as output,
     ):
+        mounted.given_to(source)
         encoder.prepare(source.sensor)
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
@@ -72,6 +73,7 @@ def run(
                 current=lambda: source.sensor,
             ),
             source.poses if poses else None,
+            source.mount,
         )
         # A signal ends a live source; the packets received so far are the last frame.
         watched = Watched(cut, (lambda: False) if source.live else stopped)
@@ -112,6 +114,13 @@ def run(
     missed = missed_target(encoder.settings, coded)
     if missed is not None and not allow_missed:
         raise TargetMissedError(missed)
+
+
+def _encoder(codec: str | None, pairs: list[str], learn: int) -> StreamEncoder:
+    encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
+    if learn:
+        encoder.learn(0)
+    return encoder
 
 
 def _tell(kept: Path, coded: CodedRecording, as_json: bool) -> None:

@@ -32,6 +32,7 @@ from lidarcodec.interop.protobuf import (
     MessageType,
     descriptor_set,
 )
+from lidarcodec.mounting import vehicle_pose
 
 POINT_DTYPE: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("ring", "u1"), ("t_ns", "<u4")]
@@ -134,6 +135,21 @@ def frame_transform(stamp_ns: int, parent: str, child: str, T_parent_child: npt.
     fields = Fields().data(1, _time(stamp_ns)).text(2, parent).text(3, child)
     fields.data(4, _doubles(T_parent_child[:3, 3].tolist()))
     return fields.data(5, _doubles(quaternion_of(T_parent_child))).done()
+
+
+def transforms_of(frame: Frame, vehicle: str, sensor: str) -> tuple[bytes | None, bytes | None]:
+    """The pose and the mounting of a frame as `foxglove.FrameTransform`, each None where it is not known.
+
+    vehicle, sensor: names of their frames. The pose is that of the vehicle where the mounting is known, because a frame
+    of Foxglove has a single parent; otherwise that of the sensor.
+    """
+    pose = mount = None
+    if frame.pose is not None:
+        child = sensor if frame.mount is None else vehicle
+        pose = frame_transform(frame.stamp_ns, WORLD, child, vehicle_pose(frame.pose, frame.mount))
+    if frame.mount is not None:
+        mount = frame_transform(frame.stamp_ns, vehicle, sensor, frame.mount)
+    return pose, mount
 
 
 def _time(stamp_ns: int) -> bytes:

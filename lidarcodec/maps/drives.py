@@ -19,7 +19,8 @@ from lidarcodec.evaluation.rigid import Matrix, moved
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, deskewed, near, odometry, refine, scan_of
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
-from lidarcodec.sources import open_source
+from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.recording import RecordingSource
 
@@ -41,7 +42,10 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveSpec:
-    """spec: the source; poses: a file of them; frames, skip: as of all commands; every: 1 of how many scans is used"""
+    """spec: the source; poses: a file of them; frames, skip: as of all commands; every: 1 of how many scans is used
+
+    mounted: where the sensor sits, and whose poses the file has
+    """
 
     spec: str
     poses: Path | None = None
@@ -49,10 +53,17 @@ class DriveSpec:
     frames: int | None = None
     skip: int = 0
     every: int = 1
+    mounted: Mounted = NOT_SAID
+
+    def opened(self) -> PacketSource:
+        """The source, with its poses and its mounting."""
+        source = open_source(self.spec, calibration=self.calibration, poses=self.poses)
+        self.mounted.given_to(source)
+        return source
 
     def scans(self) -> Iterator[Scan]:
         """The whole turns of the source, as they were received. Raises SourceError, PacketError, CalibrationError."""
-        with open_source(self.spec, calibration=self.calibration, poses=self.poses) as source:
+        with self.opened() as source:
             end = None if self.frames is None else self.skip + self.frames
             frames = islice(frames_of(source.packets(), source.sensor, "revolution"), self.skip, end)
             first = list(islice(frames, FIRST_FRAMES))
@@ -63,7 +74,7 @@ class DriveSpec:
 
     def given_poses(self) -> Poses | None:
         """Poses of a file, of the simulator, or of the frames of a recording; None if there are none."""
-        with open_source(self.spec, calibration=self.calibration, poses=self.poses) as source:
+        with self.opened() as source:
             if source.poses is not None:
                 # those of a file without times begin with the first packet
                 return source.poses if source.start_ns is None else source.poses.starting(source.start_ns)
@@ -82,7 +93,7 @@ def _whole(first: Sequence[Frame], rest: Iterator[Frame], usual: float) -> Itera
 
 def world_scans(drives: Sequence[DriveSpec], tick: Tick = lambda: None) -> Iterator[Iterator[Seen]]:
     """The scans of each drive in the world. A single drive without poses gets those that are found; its first scan is
-    the origin then.
+    the origin then, or the vehicle at that scan where the mounting of the sensor is known.
 
     Raises SettingsError if several drives do not all have poses, SourceError.
     """
@@ -106,8 +117,11 @@ def _by_given(drive: DriveSpec, poses: Poses) -> Iterator[Seen]:
 
 
 def _by_found(drive: DriveSpec, found: Trajectory) -> Iterator[Seen]:
+    with drive.opened() as source:
+        T_world_first = None if source.mount is None else source.mount.T_vehicle_sensor
     for number, scan in enumerate(drive.scans()):
-        yield _seen(scan, found, number)
+        seen = _seen(scan, found, number)
+        yield seen if T_world_first is None else Seen(moved(T_world_first, seen.points), T_world_first @ seen.pose)
 
 
 def _seen(scan: Scan, found: Trajectory, at: int) -> Seen:

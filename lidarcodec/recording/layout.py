@@ -7,8 +7,10 @@
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: points of a decoded
 message |
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: pose of the sensor |
+| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/mount`   | `foxglove.FrameTransform`: where the sensor sits |
 
-The last two are optional. They are for viewers; lidarcodec itself does not read them.
+With a mounting, the pose is that of the vehicle. The last three are optional. They are for viewers; lidarcodec itself
+does not read them.
 
 The MCAP log time is the stamp of the (first) frame or packet, the sequence its frame index modulo 2^32.
 """
@@ -46,9 +48,10 @@ def topic(vehicle: str, sensor: str, encoding: str) -> str:
     return f"lidarcodec/v1/{vehicle}/{sensor}/{'packets' if encoding == PACKET_ENCODING else 'frame'}"
 
 
-def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
-    """Topics of a sensor's clouds and poses, for viewers."""
-    return f"lidarcodec/v1/{vehicle}/{sensor}/points", f"lidarcodec/v1/{vehicle}/{sensor}/pose"
+def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str, str]:
+    """Topics of a sensor's clouds, poses and mountings, for viewers."""
+    points, pose, mount = (f"lidarcodec/v1/{vehicle}/{sensor}/{name}" for name in ("points", "pose", "mount"))
+    return points, pose, mount
 
 
 def batches_of(packets: Sequence[Packet]) -> list[Sequence[Packet]]:

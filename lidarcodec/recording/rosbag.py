@@ -25,6 +25,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
 from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import scan_of
+from lidarcodec.mounting import Matrix, is_same, vehicle_pose
 from lidarcodec.packet import Packet
 from lidarcodec.recording.mcap_file import McapFile
 from lidarcodec.sensors.clouds.message import ROS1
@@ -36,9 +37,22 @@ CLOUDS_TOPIC: Final = "/points"
 """Of point clouds that were messages."""
 POINTS_TOPIC: Final = "/velodyne_points"
 TF_TOPIC: Final = "/tf"
+STATIC_TF_TOPIC: Final = "/tf_static"
 FRAME_ID: Final = "velodyne"
 WORLD: Final = "map"
-"""Name of the frame of poses in ROS (REP 105)."""
+VEHICLE: Final = "base_link"
+"""Names of the frames of poses and of the vehicle in ROS (REP 105)."""
+_LATCHED: Final = """- history: 1
+  depth: 1
+  reliability: 1
+  durability: 1
+  deadline: {sec: 2147483647, nsec: 4294967295}
+  lifespan: {sec: 2147483647, nsec: 4294967295}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 2147483647, nsec: 4294967295}
+  avoid_ros_namespace_conventions: false
+"""
+"""Quality of service of /tf_static: reliable, and kept for listeners that come later (transient local)."""
 _CHUNK: Final = 2**20
 _INFORMATION_VERSION: Final = 5
 """Version of metadata.yaml that every ROS 2 since Humble reads."""
@@ -46,11 +60,12 @@ _INFORMATION_VERSION: Final = 5
 
 @dataclass
 class Topic:
-    """A written topic: its name, its type, and its number of messages."""
+    """A written topic: its name, its type, its number of messages, and its quality of service if that matters."""
 
     name: str
     type: ros.RosType
     channel: int
+    quality: str = ""
     count: int = 0
 
 
@@ -72,6 +87,7 @@ class RosbagWriter(McapFile):
         super().__init__(stream, _CHUNK, compressed=True, profile=PROFILE)
         self._packets_topic, self._points_topic, self.frame_id = packets_topic, points_topic, frame_id
         self._topics: dict[str, Topic] = {}
+        self._mount: Matrix | None = None
         self._first_ns = self._last_ns = self.left_out = 0
 
     @property
@@ -89,9 +105,14 @@ class RosbagWriter(McapFile):
             self._add(self._packets_topic, ros.VELODYNE_SCAN, packets[-1].stamp_ns, data)
 
     def write_cloud(self, frame: Frame) -> None:
-        """Add the points of a frame, and its pose if it has one. Raises OSError."""
+        """Add the points of a frame, its pose if it has one, and its mounting when it is new. Raises OSError."""
+        if frame.mount is not None and not is_same(frame.mount, self._mount):
+            self._mount = frame.mount
+            data = tf_message(frame.stamp_ns, VEHICLE, self.frame_id, frame.mount)
+            self._add(STATIC_TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data, _LATCHED)
         if frame.pose is not None:
-            data = tf_message(frame.stamp_ns, WORLD, self.frame_id, frame.pose)
+            child = self.frame_id if frame.mount is None else VEHICLE
+            data = tf_message(frame.stamp_ns, WORLD, child, vehicle_pose(frame.pose, frame.mount))
             self._add(TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data)
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
 
@@ -132,7 +153,7 @@ class RosbagWriter(McapFile):
                         "name": topic.name,
                         "type": topic.type.name,
                         "serialization_format": ENCODING,
-                        "offered_qos_profiles": "",
+                        "offered_qos_profiles": topic.quality,
                     },
                     "message_count": topic.count,
                 }
@@ -145,13 +166,13 @@ class RosbagWriter(McapFile):
         }
         return yaml.safe_dump({"rosbag2_bagfile_information": about}, sort_keys=False)
 
-    def _add(self, name: str, kind: ros.RosType, stamp_ns: int, data: bytes) -> None:
+    def _add(self, name: str, kind: ros.RosType, stamp_ns: int, data: bytes, quality: str = "") -> None:
         topic = self._topics.get(name)
         if topic is None:
             schema = self._mcap.register_schema(kind.name, "ros2msg", kind.definition.encode())
-            metadata = {"offered_qos_profiles": "", "topic_type_hash": kind.type_hash}
+            metadata = {"offered_qos_profiles": quality, "topic_type_hash": kind.type_hash}
             channel = self._mcap.register_channel(name, ENCODING, schema, metadata)
-            topic = self._topics[name] = Topic(name, kind, channel)
+            topic = self._topics[name] = Topic(name, kind, channel, quality)
         at = max(0, stamp_ns)
         began = any(one.count for one in self.topics)
         self._first_ns = min(self._first_ns, at) if began else at

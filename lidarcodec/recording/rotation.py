@@ -13,7 +13,7 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -37,8 +37,8 @@ _OVERHEAD: Final = 320
 """Most bytes of overhead for a message in a file: chunk head, indexes, and entry in the summary."""
 _FRAME_BYTES: Final = 4096
 """Most bytes of a file without messages."""
-_POSE_BYTES: Final = 1024
-"""Most bytes of a cloud's head and its pose."""
+_POSE_BYTES: Final = 1536
+"""Most bytes of a cloud's head, its pose and its mounting."""
 _SPARE: Final = 3
 """File handles in reserve: a new file, its folder, and one more."""
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
@@ -67,9 +67,10 @@ class RotatingRecorder:
         max_file_bytes: int = 256 * 2**20,
         max_total_bytes: int = 8 * 2**30,
         sync_bytes: int = 16 * 2**20,
+        metadata: Mapping[str, str] | None = None,
     ) -> None:
         """max_total_bytes: size of all files of this sensor in the folder, including files of earlier runs; sync_bytes:
-        most bytes that a power failure may lose
+        most bytes that a power failure may lose; metadata: further texts for each file
 
         Raises SettingsError if there is no room for two files.
         """
@@ -80,7 +81,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             )  # fmt: skip
         self.folder = folder
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
-        self.settings = settings
+        self.settings, self._metadata = settings, metadata
         self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
         self.stays: Callable[[Path], bool] = _never
         self.thins = False
@@ -216,7 +217,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             except FileExistsError:
                 number += 1
         try:
-            writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, clouds=self.clouds)
+            writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, self._metadata, clouds=self.clouds)
             file.flush()
             self._spare.opened(lambda: _sync_folder(self.folder))
         except BaseException:

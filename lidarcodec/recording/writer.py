@@ -83,15 +83,16 @@ class RecordingWriter(McapFile):
             self._add(name, PACKET_ENCODING, batch[0].stamp_ns, pack_batch(batch), 0)
 
     def write_cloud(self, frame: Frame) -> None:
-        """Add the points of a decoded frame as `foxglove.PointCloud`, and its pose if it has one.
+        """Add the points of a decoded frame as `foxglove.PointCloud`, and its pose and mounting if it has them.
 
         Cost: 18 ms and 1.85 MB for a frame of 120,000 points. Raises OSError.
         """
-        cloud_topic, pose_topic = cloud_topics(self.vehicle, self.sensor)
+        cloud_topic, pose_topic, mount_topic = cloud_topics(self.vehicle, self.sensor)
         name = f"{self.vehicle}/{self.sensor}"
-        if frame.pose is not None:
-            pose = foxglove.frame_transform(frame.stamp_ns, foxglove.WORLD, name, frame.pose)
-            self._add(pose_topic, foxglove.ENCODING, frame.stamp_ns, pose, frame.index, foxglove.FRAME_TRANSFORM)
+        posed, placed = foxglove.transforms_of(frame, self.vehicle, name)
+        for where, transform in ((pose_topic, posed), (mount_topic, placed)):
+            if transform is not None:
+                self._add(where, foxglove.ENCODING, frame.stamp_ns, transform, frame.index, foxglove.FRAME_TRANSFORM)
         cloud = foxglove.point_cloud(frame, name)
         self._add(cloud_topic, foxglove.ENCODING, frame.stamp_ns, cloud, frame.index, foxglove.POINT_CLOUD)
 

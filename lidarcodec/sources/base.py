@@ -11,6 +11,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
 
 if TYPE_CHECKING:
+    from lidarcodec.mounting import Mounting
     from lidarcodec.sources.poses import Poses
 
 
@@ -53,11 +54,13 @@ class PacketSource(Source):
 
     label:    description in one line
     poses:    poses of the sensor, if known
+    mount:    where the sensor sits on its vehicle, if known
     start_ns: host time of the first packet, if known before it is read
     """
 
     label: str = ""
     poses: Poses | None = None
+    mount: Mounting | None = None
     start_ns: int | None = None
 
     def __init__(self, sensor: SensorModel, *, live: bool = False) -> None:

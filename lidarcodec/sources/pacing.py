@@ -44,6 +44,7 @@ class PacedSource(PacketSource):
         self.counts = inner.counts
         self.label = getattr(inner, "label", "")
         self.poses = getattr(inner, "poses", None)
+        self.mount = getattr(inner, "mount", None)
         self.start_ns = getattr(inner, "start_ns", None)
         self._stop = threading.Event()
 

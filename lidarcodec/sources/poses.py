@@ -91,6 +91,10 @@ class Poses:
                 last,
             )
 
+    def seen_from(self, T_vehicle_sensor: Matrix) -> Poses:
+        """These poses, which are of a vehicle, as those of a sensor on it. T_vehicle_sensor: (4, 4)"""
+        return _OfSensor(self, T_vehicle_sensor)
+
     def starting(self, start_ns: int) -> Poses:
         """These poses; relative ones moved so that their time 0 is `start_ns`."""
         if not self.relative:
@@ -99,6 +103,22 @@ class Poses:
         moved.stamps_ns, moved.relative = self.stamps_ns + start_ns, False
         moved.positions, moved.quaternions = self.positions, self.quaternions
         return moved
+
+
+class _OfSensor(Poses):
+    """Poses of a sensor, by those of its vehicle: between two of them, the vehicle moves evenly, not the sensor."""
+
+    def __init__(self, vehicle: Poses, T_vehicle_sensor: Matrix) -> None:
+        self.stamps_ns, self.positions, self.quaternions = vehicle.stamps_ns, vehicle.positions, vehicle.quaternions
+        self.relative = vehicle.relative
+        self._vehicle, self._T_vehicle_sensor = vehicle, T_vehicle_sensor
+
+    def at(self, stamp_ns: int) -> Matrix | None:
+        found = self._vehicle.at(stamp_ns)
+        return None if found is None else np.asarray(found @ self._T_vehicle_sensor, np.float64)
+
+    def starting(self, start_ns: int) -> Poses:
+        return _OfSensor(self._vehicle.starting(start_ns), self._T_vehicle_sensor)
 
 
 def _time_text(stamp_ns: int) -> str:

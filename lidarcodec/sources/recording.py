@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import IO, Final, Literal
 
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import DecodeError, MissingReferenceError, SourceError, UnknownNameError
+from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
+from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
@@ -54,6 +55,7 @@ class RecordingSource(PacketSource):
             raise SourceError(f"{path} has no frame that can be decoded{why}")
         super().__init__(_sensor(path, calibration, [packet.payload for packet in first], frame))
         self.start_ns = first[0].stamp_ns if first else frame.stamp_ns if frame else None
+        self.mount = self._said_mount() if frame is None or frame.mount is None else Mounting.of_matrix(frame.mount)
         self.label = f"recording {path.name}, {'raw packets' if first else 'decoded messages'}"
 
     @classmethod
@@ -65,6 +67,15 @@ class RecordingSource(PacketSource):
         if text is not None and channel is None:
             raise UnknownNameError("part of a recording", text, CHANNELS)
         return cls(spec.path, calibration, channel, spec.options.get("topic"))
+
+    def _said_mount(self) -> Mounting | None:
+        """The mounting in the texts of a recording of packets; None without one, and for a text that is none."""
+        with self._open() as file:
+            text = RecordingReader(file, warn=False).metadata.get(MOUNT_TEXT)
+        try:
+            return None if text is None else Mounting.parse(text)
+        except SettingsError:
+            return None
 
     def span(self) -> tuple[int, int]:
         """Stamps in ns of the first and the last message or packet in the recording."""

@@ -10,7 +10,8 @@ from lidarcodec.message import Section, SectionType
 from lidarcodec.wire.header import MAX_MESSAGE, Header
 
 SECTION_HEAD: Final = struct.Struct("<BBI")
-_KNOWN: Final = frozenset(int(kind) for kind in SectionType)
+_OF_A_FRAME: Final = frozenset(int(kind) for kind in SectionType) - {int(SectionType.MOUNT)}
+"""Types whose ordinal names a frame of the message. A mounting is of all of them."""
 
 
 def section_bytes(sections: tuple[Section, ...]) -> bytes:
@@ -39,7 +40,7 @@ def read_sections(body: bytes, header: Header) -> tuple[Section, ...]:
         if end - at < SECTION_HEAD.size:
             raise TruncatedError(f"section {number} of {header.section_count} begins beyond the end of the message", at)
         kind, ordinal, length = SECTION_HEAD.unpack_from(body, at)
-        if kind in _KNOWN and ordinal >= header.frame_count:
+        if kind in _OF_A_FRAME and ordinal >= header.frame_count:
             raise SectionError(f"section {number} belongs to frame {ordinal} of {header.frame_count}", at + 1)
         at += SECTION_HEAD.size
         if end - at < length:

@@ -50,6 +50,11 @@ class StreamAnswer(BaseModel):
         description="Settings in force, or the last known ones; null before the vehicle reported any."
     )
     status: dict[str, Any] | None = Field(description="The last status; null before the first one.")
+    mount: dict[str, float] | None = Field(
+        default=None,
+        description="Where the sensor sits on its vehicle: x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg; null if the "
+        "stream does not say.",
+    )
     warnings: list[WarningAnswer] = Field(
         default=[], description="Why the target bitrate is not reached; empty while it is."
     )
@@ -63,6 +68,7 @@ class StreamAnswer(BaseModel):
             alive=stream.alive,
             settings=stream.settings,
             status=stream.status,
+            mount=(stream.status or {}).get("mount"),
             warnings=WarningAnswer.several(_missed(stream)),
         )
 

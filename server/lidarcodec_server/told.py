@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.apps.reports import COUNTED, COUNTED_TIMES, MEASURED, SUMMED
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.errors import SettingsError
+from lidarcodec.mounting import Mounting
 from lidarcodec.ratecontrol.image_curve import MOST_ATTRIBUTES, ImageKind
 from lidarcodec.settings import StreamSettings, is_name, settings_from
 from lidarcodec.untrusted.json import read_object
@@ -145,6 +146,13 @@ def _settings(_: _Reader, value: Any) -> dict[str, Any]:
     return settings.model_dump()
 
 
+def _mount(_: _Reader, value: Any) -> dict[str, float]:
+    try:
+        return Mounting.of_values(value).values()
+    except SettingsError:
+        raise _OtherError from None
+
+
 def _receivers(reader: _Reader, value: Any) -> dict[str, Any]:
     kept: dict[str, Any] = named(_REPORT, MAX_RECEIVERS)(reader, value)
     names = [name for name in kept if is_name(name)]
@@ -176,6 +184,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "codec": _name,
     "codec_choice": or_null(record(codec=_name, because=text(TEXT), encode_ms=named(number), budget_ms=_any_number)),
     "sensor_model": record(name=_name, model=_name, calibration=text(TEXT), hash=_name, note=_long),
+    "mount": or_null(_mount),
     "matching": flag,
     "ended": flag,
     "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.errors import TransportError
+from lidarcodec.mounting import Mounting
 from lidarcodec.settings import StreamSettings
 from tests.apps.streams import Loop
 from tests.bridges.standing import POSE, Standing, turn
@@ -125,6 +126,26 @@ def test_cloud_pose_and_statistics_get_to_a_viewer_point_for_point(network):
     assert latest["replaced"] is not None
 
 
+def test_a_mounting_gets_to_viewers_that_come_later_and_the_pose_is_the_vehicles(network):
+    mount = Mounting(1.5, 0.0, 1.8, yaw_deg=90.0)
+    names = [f"/car-7/roof/{name}" for name in ("mount", "pose")]
+    with (
+        FoxgloveBridge(["car-7/roof"], port=0, transport=network()) as bridge,
+        Publisher(Loop(), vehicle="car-7", sensor="roof", rate=5.0, transport=network(), poses=Standing(), mount=mount),
+    ):
+        for _ in range(2):
+            viewer = Viewer(bridge.url)
+            viewer.subscribe(*names)
+            found = viewer.messages(1)
+            viewer.close()
+    placed, posed = (FrameTransform.FromString(found[name][0][1]) for name in names)
+    assert (placed.parent_frame_id, placed.child_frame_id) == ("car-7", "car-7/roof")
+    assert (posed.parent_frame_id, posed.child_frame_id) == ("world", "car-7")
+    wanted = POSE @ np.linalg.inv(mount.T_vehicle_sensor)
+    for one, T in ((placed, mount.T_vehicle_sensor), (posed, wanted)):
+        np.testing.assert_allclose([getattr(one.translation, axis) for axis in "xyz"], T[:3, 3], atol=1e-12)
+
+
 @pytest.mark.parametrize("fill", [None, False])
 def test_gaps_of_thinned_frames_are_filled_and_marked_or_not_filled(network, fill):
     """A wall of which every eighth column is sent is a wall for a person, and its columns for a program."""
@@ -206,7 +227,7 @@ def test_several_streams_are_told_apart_and_leave_when_it_ends(network):
         viewer = Viewer(bridge.url)
         viewer.wait_for(*(f"/a/{side}/{what}" for side in ("front", "rear") for what in ("points", "statistics")))
         ids = {channel["id"] for channel in viewer.channels.values()}
-        assert len(ids) == 6
+        assert len(ids) == 8
     with pytest.raises(ConnectionClosed):
         viewer.wait_for("/never")
     bridge.close()

@@ -16,6 +16,7 @@ from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges.ros2 import RosBridge, RosNames
 from lidarcodec.errors import SettingsError
 from lidarcodec.interop import ros
+from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints, open_transport
@@ -115,7 +116,7 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
     ):
         assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 3 and len(graph.of(ros.TF_MESSAGE)) >= 3, LIMIT_S)
         # Clouds and tokens come in threads of their own, and what was sent is counted behind that.
-        assert eventually(lambda: len(graph.published()) == 2, LIMIT_S)
+        assert eventually(lambda: len(graph.published()) == 3, LIMIT_S)
         assert eventually(lambda: bridge.counts["clouds"] >= 3, LIMIT_S)
         (token,) = [one for one in graph.published() if "PointCloud2" in one]
         assert token.endswith(
@@ -149,6 +150,29 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
         moved = found.transform.translation
         assert [moved.x, moved.y, moved.z] == POSE[:3, 3].tolist()
     assert eventually(lambda: not graph.published(), LIMIT_S), "ROS sees the publishers go"
+
+
+def test_a_mounting_is_said_again_on_tf_static_and_the_pose_is_the_vehicles(graph, local):
+    mount = Mounting(1.5, 0.0, 1.8, yaw_deg=90.0)
+    graph.subscribe("/tf", ros.TF_MESSAGE)
+    graph.subscribe("/tf_static", ros.TF_MESSAGE)
+    settings = StreamSettings(reduction="columns:8")
+    with (
+        RosBridge(["car-7/roof"], endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
+        Publisher(
+            Loop(), settings, vehicle="car-7", sensor="roof", rate=5.0, endpoints=local, poses=Standing(), mount=mount
+        ),
+    ):
+        assert eventually(lambda: bridge.counts["mountings"] >= 2 and bridge.counts["transforms"] >= 1, LIMIT_S)
+        assert eventually(lambda: len({key for key, *_ in graph.samples if "/tf" in key}) == 2, LIMIT_S)
+    vehicle = POSE @ np.linalg.inv(mount.T_vehicle_sensor)
+    for key, data, _ in graph.samples:
+        (found,) = STORE.deserialize_cdr(data, ros.TF_MESSAGE.name).transforms
+        static = "/tf_static/" in key
+        names = ("car-7/base_link", "car-7/roof") if static else ("map", "car-7/base_link")
+        assert (found.header.frame_id, found.child_frame_id) == names
+        moved, wanted = found.transform.translation, mount.T_vehicle_sensor if static else vehicle
+        np.testing.assert_allclose([moved.x, moved.y, moved.z], wanted[:3, 3], atol=1e-12)
 
 
 @pytest.mark.parametrize("fill", [False, True])
@@ -199,7 +223,7 @@ def test_the_router_of_ros_may_come_later(local):
     late = Ros(port)
     try:
         assert opened.wait(LIMIT_S)
-        assert eventually(lambda: len(late.published()) == 2, LIMIT_S)
+        assert eventually(lambda: len(late.published()) == 3, LIMIT_S)
         bridge.interrupt()
         thread.join(LIMIT_S)
         assert not thread.is_alive()

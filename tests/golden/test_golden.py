@@ -25,8 +25,10 @@ from lidarcodec.codecs import table
 from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.mounting import Mounting
 from lidarcodec.network.shelf import networks_of, weights_of
 from lidarcodec.network.update import Update, update_of
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.wire.header import MAJOR
@@ -40,7 +42,7 @@ STREAM = 0x0123_4567_89AB_CDEF
 def settings_of() -> dict[str, StreamSettings]:
     """Settings by name of the golden file without version: two for each codec, and those that change the format.
 
-    Names with `slabs`, `turns` and `positions` are of other frames (`stream_of`).
+    Names with `slabs`, `turns`, `positions` and `mounted` are of other frames (`stream_of`).
     """
     found: dict[str, StreamSettings] = {}
     for name in table.names():
@@ -51,6 +53,7 @@ def settings_of() -> dict[str, StreamSettings]:
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     for name in ("raw", "zstd"):
         found[f"{name}_positions_lossless"] = found[f"{name}_lossless"]
+    found["raw_mounted_lossless"] = found["raw_lossless"]
     return found | _of_predictive() | _of_riddle()
 
 
@@ -113,6 +116,9 @@ def updated() -> Update:
 def coded(name: str) -> list[Message]:
     """Messages of a golden file that is to be written."""
     settings = settings_of()[name]
+    if "mounted" in name:
+        mounting = StreamEncoder(settings, STREAM)
+        return [one for frame in stream_of(name) for one in mounting.encode(frame)] + mounting.flush()
     if "updated" not in name:
         encoder = table.make_encoder(settings, STREAM)
         return [one for frame in stream_of(name) for one in encoder.encode(frame)] + encoder.flush()
@@ -175,10 +181,19 @@ def with_positions() -> list[Frame]:
     return [frame.with_(index=at, side=side) for at, (frame, side) in enumerate(zip(sent, sides, strict=True))]
 
 
+def with_mountings() -> list[Frame]:
+    """Frames of a sensor that nobody has measured in yet, then at one place of its vehicle, then at another."""
+    places = (None, *(Mounting(1.5, -0.25, 1.8, 0.5, -2.0, 90.0),) * 4, Mounting(3.2, 0.0, 0.6))
+    mounts = [None if one is None else one.T_vehicle_sensor for one in places]
+    return [frames.scene(4, index=index, mount=mount) for index, mount in enumerate(mounts)]
+
+
 def stream_of(name: str) -> list[Frame]:
     """Frames of the golden file of that name."""
     if "positions" in name:
         return with_positions()
+    if "mounted" in name:
+        return with_mountings()
     return slabs() if "slabs" in name else turns() if "turns" in name else stream()
 
 
@@ -192,8 +207,7 @@ def digest(frame: Frame) -> str:
         side = frame.side
         arrays += [side.packet_ns, side.gps_us, side.status, side.layouts[side.layout], side.irregular, side.second]
         parts += [f"{at} {ns} {hashlib.sha256(payload).hexdigest()}" for at, ns, payload in side.positions]
-    if frame.pose is not None:
-        arrays.append(frame.pose)
+    arrays += [matrix for matrix in (frame.pose, frame.mount) if matrix is not None]
     for array in arrays:
         parts.append(f"{array.dtype.str}{array.shape}")
         parts.append(hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest())
@@ -211,7 +225,7 @@ def split(data: bytes) -> Iterator[bytes]:
 def decoded(data: bytes) -> list[Frame]:
     """Frames of a golden file."""
     came: list[Frame] = []
-    decoder = table.make_decoder(wire.peek(data).codec)
+    decoder = StreamDecoder()
     for one in split(data):
         came += decoder.decode(wire.unpack(one))
     return came + decoder.flush()

@@ -143,6 +143,7 @@ def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
         "azimuth": digest(frame.azimuth),
         "fired": digest(fired.astype(np.uint8)),
         "pose": None if frame.pose is None else frame.pose[:3].ravel().tolist(),
+        **({} if frame.mount is None else {"mount": frame.mount[:3].ravel().tolist()}),
         **({} if frame.lattice is None else _thinned(frame)),
         "points": [[round(float(p[axis]), 4) for axis in "xyz"] + [int(p["intensity"]), int(p["ring"])] for p in shown],
     }

@@ -8,7 +8,7 @@ import { Codec, Section, needed, readMessage } from "./message.js";
 import { type DescribedSensor, readDescribed } from "./other/calibration.js";
 import { type ImageFrame, readImageFrame } from "./other/frame.js";
 import { type Planes, count, readPlanes } from "./planes.js";
-import { readPose } from "./pose.js";
+import { MountMemory, readPose } from "./pose.js";
 import { readZstdRanges } from "./ranges.js";
 import { readRaw } from "./raw.js";
 import { ROWS, type Sensor, SensorBook, readSensor } from "./sensor.js";
@@ -35,6 +35,8 @@ export interface Frame extends Planes {
   readonly madeUp: number;
   /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
   readonly pose: Float64Array | null;
+  /** T_vehicle_sensor, first three rows: where the sensor sits on its vehicle; null if the stream does not say. */
+  readonly mount: Float64Array | null;
 }
 
 /** Decodes the messages of one stream, one after the other. */
@@ -44,6 +46,7 @@ export class Decoder {
   #described = new SensorBook<DescribedSensor>([3], readDescribed);
   /** The frames that a message may refer to, with the masks up to each. */
   readonly #referable = new Referable<Masks>();
+  #mounts = new MountMemory();
 
   private constructor() {}
 
@@ -65,8 +68,10 @@ export class Decoder {
       this.#sensors = new SensorBook<Sensor>([1, 2], readSensor);
       this.#described = new SensorBook<DescribedSensor>([3], readDescribed);
       this.#referable.forget();
+      this.#mounts = new MountMemory();
     }
-    if (message.planes) return readImageFrame(message, this.#described);
+    const mount = this.#mounts.of(message);
+    if (message.planes) return { ...readImageFrame(message, this.#described), mount };
     const sensor = this.#sensors.of(message);
     const history = this.#referable.of(message)?.history() ?? null;
     const before = history && ((columns: Columns) => history.before(columns, sensor));
@@ -77,7 +82,7 @@ export class Decoder {
     if (message.packets > 0 && message.section(Section.SIDE) === null) throw damaged("packets without side information");
     this.#referable.took(message, new Masks(history, planes, sensor));
     const returns = count(planes.mask);
-    const frame = { streamId, index, stampNs: message.stampNs, codec, sensor, returns, pose, filled: null, madeUp: 0 };
+    const frame = { streamId, index, stampNs: message.stampNs, codec, sensor, returns, pose, mount, filled: null, madeUp: 0 };
     if (lattice === null) return { ...planes, ...frame, range, lattice };
     return {
       ...frame,

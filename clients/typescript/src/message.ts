@@ -26,6 +26,7 @@ export const Section = {
   POSITION: 13,
   PLANES: 14,
   REST: 15,
+  MOUNT: 17,
 } as const;
 const KNOWN_SECTIONS: ReadonlySet<number> = new Set(Object.values(Section));
 
@@ -120,7 +121,7 @@ function readSections(body: Uint8Array, view: DataView, from: number, count: num
     if (length > body.length - at)
       throw new DecodeError("truncated", `section ${number} announces ${length} bytes, ${body.length - at} are left`);
     if (KNOWN_SECTIONS.has(type)) {
-      if (ordinal >= frames) throw damaged(`a section of frame ${ordinal} of ${frames}`);
+      if (ordinal >= frames && type !== Section.MOUNT) throw damaged(`a section of frame ${ordinal} of ${frames}`);
       const twice = found.has(type * 256 + ordinal);
       if (twice && type !== Section.WEIGHTS) throw damaged(`two sections of type ${type}`);
       if (!twice) found.set(type * 256 + ordinal, body.subarray(at, at + length));

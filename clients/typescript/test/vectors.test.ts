@@ -22,6 +22,7 @@ function check(frame: Frame | ImageFrame, expected: Expected): void {
       azimuth: digest(frame.azimuth),
       fired: digest(frame.fired),
       pose: frame.pose && [...frame.pose],
+      ...(frame.mount && { mount: [...frame.mount] }),
     },
     arrays,
   );

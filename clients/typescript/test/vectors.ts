@@ -23,6 +23,7 @@ export interface Expected {
   azimuth: string;
   fired: string;
   pose: number[] | null;
+  mount?: number[];
   points: number[][];
   /** Of a thinned frame: its columns, and the images with what is made up between them: which, ranges, intensities. */
   lattice?: string;

@@ -36,6 +36,7 @@ from lidarcodec.apps.recorder import BackgroundRecorder, Record
 from lidarcodec.apps.worker.isolation import Isolate
 from lidarcodec.codecs.other_sensors import check_for
 from lidarcodec.errors import TransportError, WorkerError, told
+from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import check
 from lidarcodec.settings import SettingChanges, StreamSettings
 from lidarcodec.sources.base import Source
@@ -72,6 +73,7 @@ class Publisher:
     transport: an open transport, or a function that opens one (argument: the event that stops it). The caller closes
                it; endpoints then only describe it
     poses:     poses of the sensor, sent with each frame
+    mount:     where the sensor sits on its vehicle; by default what the source says
     original:  also send uncompressed frames while a local viewer compares
     record:    records all packets or frames, whether sent or not: a `Record`, or a folder for raw packets
     keep:      keeps the last hours exactly, and answers receivers that fetch parts of them; or a started keeper, which
@@ -95,6 +97,7 @@ class Publisher:
         record: Record | str | Path | None = None,
         keep: Keep | Keeper | None = None,
         poses: Poses | None = None,
+        mount: Mounting | None = None,
         original: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
@@ -111,7 +114,10 @@ class Publisher:
         self._every = rate == "max" and not source.live
         kept = Record.of(record)
         check_apart(kept, keep.keep if isinstance(keep, Keeper) else keep)
-        self._recorder = None if kept is None else BackgroundRecorder(kept.folder, self.keys, None, **kept.limits)
+        mount = mount or getattr(source, "mount", None)
+        self._recorder = (
+            None if kept is None else BackgroundRecorder(kept.folder, self.keys, None, mount, **kept.limits)
+        )
         self._stop, self._done, self._opened = threading.Event(), threading.Event(), threading.Event()
         self._interrupted = self._begun = False
         self._declared: list[Closeable] = []
@@ -120,7 +126,9 @@ class Publisher:
         self._own_keeper = None if keep is None or isinstance(keep, Keeper) else Keeper(keep, self.keys)
         self._keeper = keep if isinstance(keep, Keeper) else self._own_keeper
         speed = 10.0 if rate is None else rate
-        self._feed = FrameFeed(source, asked.framing, speed, recorded, poses, clock, self._keeper, loop=loop)
+        self._feed = FrameFeed(
+            source, asked.framing, speed, recorded, poses, clock, self._keeper, loop=loop, mount=mount
+        )
         limit_s = PATIENT_S if self._every else LIMIT_S
         self._flight = Flight(asked.follow, limit_s=limit_s, slow_server=not self._network.one_machine)
         self._originals: Originals | None = None

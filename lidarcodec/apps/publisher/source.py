@@ -13,6 +13,7 @@ from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
 from lidarcodec.assembly import Assembler
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
+from lidarcodec.mounting import Mounting
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.sensor_model import SensorModel
@@ -36,7 +37,7 @@ class FrameFeed:
     rate: frames of 348 packets a second for a source that is not live, or `max`: as fast as frames are taken
     loop: whether such a source begins again at its end
     keep: recorder of all packets or frames, and which of both it records
-    keeper: keeps all frames
+    keeper: keeps all frames;  mount: where the sensor sits on its vehicle
     packets, frames: number read so far
     """
 
@@ -51,8 +52,9 @@ class FrameFeed:
         keeper: Keeper | None = None,
         *,
         loop: bool = False,
+        mount: Mounting | None = None,
     ) -> None:
-        self._keeper = keeper
+        self._keeper, self.mount = keeper, mount
         self.source, self._poses = source, poses
         self._paced: Source = source
         self._replay: PacedSource | None = None
@@ -155,7 +157,7 @@ class FrameFeed:
         """Put a frame into the mailbox. True: there is a new assembler, so the first packet of the next frame must be
         pushed again."""
         lost = False
-        frame = posed(frame, self._poses, self._shift_ns(frame.stamp_ns))
+        frame = posed(frame, self._poses, self._shift_ns(frame.stamp_ns), self.mount)
         with self._lock:
             self.frames = frame.index + 1
             if self._wanted_framing != self._framing or self.source.sensor is not self._assembler.sensor:

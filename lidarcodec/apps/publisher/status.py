@@ -100,6 +100,7 @@ class StatusBoard:
                 "hash": sensor.hash,
                 "note": note_of(sensor),
             },
+            "mount": None if feed.mount is None else feed.mount.values(),
             "time_source": feed.time_source,
             "packets": feed.packets,
             "assembled": feed.frames,

@@ -41,6 +41,6 @@ def compress(value: dict[str, Any], source: Store, target: Store) -> dict[str, A
             encoder.settings.framing,
             current=lambda: packets.sensor,
         )
-        product = write_product(with_poses(frames, packets.poses), encoder, known, folder)
+        product = write_product(with_poses(frames, packets.poses, packets.mount), encoder, known, folder)
         won = publish(target, product)
     return {"won": won} | {name: product.value[name] for name in ("frames", "bytes", "packet_bytes")}

@@ -21,8 +21,10 @@ from lidarcodec.commands.signatures.common import (
     FrameCount,
     Listen,
     ModelName,
+    MountText,
     Pairs,
     PosesFile,
+    PosesOf,
     SkipCount,
     Source,
     WithClouds,
@@ -79,6 +81,8 @@ def convert(
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: PosesFile = None,
+    mount: MountText = None,
+    poses_of: PosesOf = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -94,18 +98,21 @@ def convert(
     from lidarcodec.commands.outputs.table import form_of
     from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.selection.points import Placing
+    from lidarcodec.sources.mounts import Mounted
 
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge)
     kept = packet_form_of(out, form)
     stream = source.removeprefix(STREAM)
+    sensor = stream.rpartition("/")[2] if stream != source else None
+    mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=sensor)
     if kept is not None and stream != source:
         raise SettingsError(f"{source} gives points, not packets: `lidarcodec subscribe` has --record and --udp", "as")
     if kept is not None:
         if placing.given:
             raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
         packets.run(spec, out, kept, codec, pairs or [], selection, calibration, poses, with_clouds, topic, frame_id,
-                    force, allow_missed, as_json)  # fmt: skip
+                    force, allow_missed, as_json, mounted)  # fmt: skip
         return
     wanted = Wanted(out, form_of(out, form, further=FORMS), selection, placing, force, as_json)
     for name, given in (("--codec", codec), ("--set", pairs), ("--with-clouds", with_clouds), ("--topic", topic),
@@ -113,10 +120,10 @@ def convert(
         if given:
             raise SettingsError(f"{name} is not for {wanted.form.name}: it is for recordings or rosbags", "as")
     if stream == source:
-        write_frames(spec, wanted, calibration, poses)
+        write_frames(spec, wanted, calibration, poses, mounted)
         return
     for name, value in (("--calibration", calibration), ("--model", model), ("--poses", poses)):
         if value is not None:
             raise SettingsError(f"{name} is not for a live stream: the stream says it", name.lstrip("-"))
     keep_standard_output()
-    receive(stream, wanted, endpoints_of((connect or [], listen or [], zenoh_config)))
+    receive(stream, wanted, endpoints_of((connect or [], listen or [], zenoh_config)), mounted.mount)

@@ -27,6 +27,7 @@ from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
 from lidarcodec.units import FRAME_PACKETS
 
@@ -52,6 +53,7 @@ def run(
     force: bool,
     allow_missed: bool = False,
     as_json: bool = False,
+    mounted: Mounted = NOT_SAID,
 ) -> None:
     """Convert packet by packet. OUT appears when it is complete; after a signal the finished part has another name.
 
@@ -61,7 +63,8 @@ def run(
     wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
     if wanted.form == "recording":
-        encode.run(spec, out, codec, pairs, selection, calibration, poses, clouds, 0, force, allow_missed, as_json)
+        encode.run(spec, out, codec, pairs, selection, calibration, poses, clouds, 0, force, allow_missed, as_json,
+                   mounted)  # fmt: skip
         return
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
@@ -72,6 +75,7 @@ def run(
         progress("converting", frames) as tick,
         whole(out, force=force, contents=contents) as output,
     ):
+        mounted.given_to(source)
         if (frames is not None or skip) and not source.sensor.is_hdl64e:
             raise SettingsError("--frames and --skip of convert count turns of an HDL-64E: use encode", "frames")
         if wanted.form == "pcap" and source.sensor.is_cloud:
@@ -234,11 +238,11 @@ def _opened(out: Path, beside: Path, wanted: Wanted, source: PacketSource, about
     """The open output, written to the file or folder `beside`."""
     if out.suffix:
         with beside.open("wb") as handle:
-            yield open_output(wanted, handle, source.sensor, about, source.poses)
+            yield open_output(wanted, handle, source, about)
         return
     name = f"{out.name}_0.mcap"
     with (beside / name).open("wb") as handle:
-        output = open_output(wanted, handle, source.sensor, about, source.poses)
+        output = open_output(wanted, handle, source, about)
         yield output
     if isinstance(output, Bag):
         (beside / METADATA).write_text(output.writer.metadata(name))

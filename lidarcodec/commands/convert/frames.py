@@ -26,9 +26,11 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.files.whole import Whole, whole
 from lidarcodec.frame import Frame
+from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
@@ -76,15 +78,16 @@ class _Recorded:
 
     live = False
 
-    def __init__(self, path: Path, poses: Path | None) -> None:
+    def __init__(self, path: Path, poses: Path | None, mounted: Mounted) -> None:
         self._path, self._recorded = path, RecordedFrames(path)
-        self._poses = None
+        self._poses, self._mount = None, mounted.mount
         if poses is not None:
             with open_source(path, poses=poses) as source:
+                mounted.given_to(source)
                 self._poses = source.poses
 
     def __iter__(self) -> Iterator[Frame]:
-        for frame in with_poses(self._recorded, self._poses):
+        for frame in with_poses(self._recorded, self._poses, self._mount):
             warn_if_generic(frame.sensor, str(self._path))
             yield frame
 
@@ -107,7 +110,7 @@ class _Read:
         source = self._source
         framing = StreamSettings().framing
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
-        return with_poses(cut, source.poses if self._posed else None)
+        return with_poses(cut, source.poses if self._posed else None, source.mount)
 
     def finish(self) -> None:
         self._source.finish()
@@ -121,11 +124,11 @@ class _Streamed:
 
     live = True
 
-    def __init__(self, stream: LiveStream, key: str) -> None:
-        self._stream, self._key = stream, key
+    def __init__(self, stream: LiveStream, key: str, mount: Mounting | None) -> None:
+        self._stream, self._key, self._mount = stream, key, mount
 
     def __iter__(self) -> Iterator[Frame]:
-        return awaited(self._stream, self._key)
+        return with_poses(awaited(self._stream, self._key), None, self._mount)
 
     def finish(self) -> None:
         self._stream.interrupt()
@@ -136,31 +139,34 @@ class _Streamed:
             log.warning("%s: %d frames did not come", self._key, missing)
 
 
-def receive(key: str, wanted: Wanted, endpoints: Endpoints) -> None:
-    """Write frames of a live stream. key: VEHICLE/SENSOR"""
+def receive(key: str, wanted: Wanted, endpoints: Endpoints, mount: Mounting | None = None) -> None:
+    """Write frames of a live stream. key: VEHICLE/SENSOR;  mount: in place of what the stream says"""
     wanted.check()
     with LiveStream(key, endpoints=endpoints, newest=False, until_end=True) as stream:
-        _write(key, _Streamed(stream, key), wanted)
+        _write(key, _Streamed(stream, key, mount), wanted)
 
 
-def convert(spec: str, wanted: Wanted, calibration: Path | None, poses: Path | None) -> None:
+def convert(
+    spec: str, wanted: Wanted, calibration: Path | None, poses: Path | None, mounted: Mounted = NOT_SAID
+) -> None:
     """Write frames of any source. Of a recording of messages they are the decoded frames."""
     wanted.check()
     check_finite(spec, wanted.selection.frames, live_too=False)
     parsed = parse(spec)
     check_not_input(wanted.out, spec)
     if kind_of(parsed) == "recording" and not parsed.options and calibration is None:
-        decode(parsed.path, wanted, poses)
+        decode(parsed.path, wanted, poses, mounted)
         return
     with open_source(spec, calibration=calibration, poses=poses) as source:
+        mounted.given_to(source)
         _write(spec, _Read(source, posed=wanted.placing.merge or poses is not None), wanted)
 
 
-def decode(recording: Path, wanted: Wanted, poses: Path | None = None) -> None:
+def decode(recording: Path, wanted: Wanted, poses: Path | None = None, mounted: Mounted = NOT_SAID) -> None:
     """Write the frames of a recording."""
     check_not_input(wanted.out, recording)
     wanted.check()
-    _write(str(recording), _Recorded(recording, poses), wanted)
+    _write(str(recording), _Recorded(recording, poses, mounted), wanted)
 
 
 @dataclass

@@ -12,14 +12,14 @@ from lidarcodec.assembly import Assembler
 from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.errors import PacketError, SettingsError
 from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
+from lidarcodec.mounting import MOUNT_TEXT
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.recording import RecordingWriter, RosbagWriter
 from lidarcodec.recording.rosbag import CLOUDS_TOPIC, FRAME_ID, PACKETS_TOPIC, POINTS_TOPIC
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
-from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_BYTES
 
 log = logging.getLogger(__name__)
@@ -78,16 +78,16 @@ def form_of(out: Path, given: str | None) -> Form | None:
 def open_output(
     wanted: Wanted,
     handle: BinaryIO,
-    sensor: SensorModel,
+    source: PacketSource,
     about: Mapping[str, str],
-    poses: Poses | None,
 ) -> Output:
-    """The output for an open binary file. CodedRecording makes recordings of other codecs."""
+    """The output of a source's packets, for an open binary file. CodedRecording makes recordings of other codecs."""
     if wanted.form == "pcap":
         return _Capture(handle)
     if wanted.form == "packets":
-        return _Packets(handle, about)
-    return Bag(wanted, handle, sensor, poses)
+        said = {} if source.mount is None else {MOUNT_TEXT: str(source.mount)}
+        return _Packets(handle, {**about, **said})
+    return Bag(wanted, handle, source)
 
 
 class _Capture:
@@ -148,7 +148,8 @@ class Bag:
     writer: the writer of the bag, for its metadata
     """
 
-    def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
+    def __init__(self, wanted: Wanted, handle: BinaryIO, source: PacketSource) -> None:
+        sensor, self._poses, self._mount = source.sensor, source.poses, source.mount
         points_topic = (
             POINTS_TOPIC if not sensor.is_cloud else CLOUDS_TOPIC if wanted.topic == PACKETS_TOPIC else wanted.topic
         )
@@ -158,7 +159,6 @@ class Bag:
         self._clouds = sensor.is_cloud
         self._batches = _Batches(self.writer.write_scan, turns=sensor.is_hdl64e)
         self._assembler = Assembler(sensor) if wanted.clouds else None
-        self._poses = poses
         self._positions = self._packets = self.left_out = 0
 
     def write(self, packet: Packet) -> None:
@@ -180,13 +180,13 @@ class Bag:
         self._batches.add(packet)
         frame = None if self._assembler is None else self._assembler.push(packet)
         if frame is not None:
-            self.writer.write_cloud(posed(frame, self._poses))
+            self.writer.write_cloud(posed(frame, self._poses, mount=self._mount))
 
     def close(self) -> str:
         self._batches.flush()
         last = None if self._assembler is None else self._assembler.flush()
         if last is not None:
-            self.writer.write_cloud(posed(last, self._poses))
+            self.writer.write_cloud(posed(last, self._poses, mount=self._mount))
         self.writer.close()
         if self._positions:
             log.warning("a rosbag cannot hold position packets: %d were left out", self._positions)

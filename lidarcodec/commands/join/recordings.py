@@ -24,7 +24,7 @@ from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.wire.header import Header
 
-SAME: Final = ("vehicle", "sensor")
+SAME: Final = ("vehicle", "sensor", "mount")
 """Metadata that must be equal in all parts; see also `MADE_OF`."""
 MADE_OF: Final = ("source", "calibration", "settings")
 """Metadata that must also be equal if the parts were made from a source. Settings of a live stream can change."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass
-from itertools import repeat
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -22,6 +21,7 @@ from lidarcodec.maps.drives import DriveSpec, world_scans
 from lidarcodec.maps.file import check_step
 from lidarcodec.maps.geodesy import utm_of
 from lidarcodec.maps.points import MapFrame
+from lidarcodec.sources.mounts import Mounted
 
 ENDING: Final = ".lcmap"
 LATITUDES: Final = (-80.0, 84.0)
@@ -42,6 +42,8 @@ class Asked:
     frames: int | None
     skip: int
     calibration: Path | None
+    mounts: list[str] = field(default_factory=list)
+    poses_of: str | None = None
 
     def drives(self) -> list[DriveSpec]:
         """The drives with their poses. Raises SettingsError."""
@@ -50,14 +52,26 @@ class Asked:
                 f"{len(self.sources)} sources have {len(self.poses)} files of poses: give --poses once for each",
                 "poses",
             )
+        if len(self.mounts) not in (0, 1, len(self.sources)):
+            raise SettingsError(
+                f"{len(self.sources)} sources have {len(self.mounts)} mountings: give --mount once, or once for each",
+                "mount",
+            )
+        mounts = self.mounts * len(self.sources) if len(self.mounts) == 1 else self.mounts
+        none = [None] * len(self.sources)
         for source in self.sources:
             check_recorded(source)
             check_finite(source, self.frames)
             check_not_input(self.out, source)
         return [
-            DriveSpec(source, poses, self.calibration, self.frames, self.skip, self.every)
-            for source, poses in zip(self.sources, self.poses or repeat(None, len(self.sources)), strict=True)
-        ]
+            DriveSpec(
+                source, poses, self.calibration, self.frames, self.skip, self.every,
+                Mounted.of(mount, self.poses_of, poses=poses is not None),
+            )
+            for source, poses, mount in zip(
+                self.sources, self.poses or none, mounts or none, strict=True
+            )
+        ]  # fmt: skip
 
 
 def check_map_name(path: Path, *, force: bool) -> None:

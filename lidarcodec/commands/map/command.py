@@ -10,7 +10,7 @@ from typer import Option
 
 from lidarcodec.commands.results.maps import MapBuilt, MapCompressed, MapExported, MapInfo
 from lidarcodec.commands.running.telling import prints
-from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, SkipCount
+from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, PosesOf, SkipCount
 
 app = typer.Typer(help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -40,6 +40,16 @@ def build(
             "of the recording, otherwise found by registration.",
         ),
     ] = None,
+    mount: Annotated[
+        list[str] | None,
+        Option(
+            "--mount",
+            metavar="X,Y,Z,ROLL,PITCH,YAW|FILE",
+            help="Where the sensor sits on its vehicle: once, or once for each SOURCE. Without poses, the map then "
+            "begins at the vehicle.",
+        ),
+    ] = None,
+    poses_of: PosesOf = None,
     origin: Annotated[
         str | None,
         Option(
@@ -66,7 +76,10 @@ def build(
     """Build a map of one or several drives: means of 0.2 m cells with normals and counts, without what moves."""
     from lidarcodec.commands.map.build import Asked, run
 
-    run(Asked(sources, out, poses or [], origin, step, least_seen, every, frames, skip, calibration), force, as_json)
+    asked = Asked(
+        sources, out, poses or [], origin, step, least_seen, every, frames, skip, calibration, mount or [], poses_of
+    )
+    run(asked, force, as_json)
 
 
 @app.command()

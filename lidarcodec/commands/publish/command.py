@@ -21,6 +21,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.network.shelf import look_in
 from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.transport import Endpoints, party_of
 
 OWN_POSES = Path("source")
@@ -100,6 +101,7 @@ def run(
     link: str | None = None,
     loop: bool = False,
     as_json: bool = False,
+    mounted: Mounted = NOT_SAID,
 ) -> None:
     """Publish until the source ends or a signal arrives."""
     if record_as not in ("packets", "lossless"):
@@ -113,6 +115,7 @@ def run(
     own_poses = poses == OWN_POSES
     with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
         check_loop(source, loop)
+        mounted.given_to(source)
         if own_poses and source.poses is None:
             raise SettingsError(f"{spec} has no poses of its own: give a file with --poses FILE", "poses")
         publisher = Publisher(

@@ -8,6 +8,7 @@ lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m: In
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,10 +28,12 @@ from lidarcodec.commands.publish.command import record_limits, tell_of, vehicle_
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import settings_of
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.mounting import Mounting
 from lidarcodec.network.shelf import look_in
 from lidarcodec.sensors import read_calibration
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
-from lidarcodec.sources import open_source
+from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.mounts import Mounted, read_mounts
 from lidarcodec.sources.poses import read_poses
 from lidarcodec.sources.spec import LIVE
 from lidarcodec.sources.spec import parse as parse_source
@@ -80,13 +83,15 @@ class KeepConfig(_Strict):
 class SensorConfig(_Strict):
     """One sensor. settings: fields of StreamSettings, otherwise settings of the codec, as in `--set`
 
-    link: as in `--link`
+    link: as in `--link`;  mount: in place of the one in the vehicle's `mounts`
     """
 
     name: Name
     source: str
     calibration: Path | None = None
     poses: Path | None = None
+    poses_of: Literal["sensor", "vehicle"] = "sensor"
+    mount: Mounting | None = None
     link: str | None = None
     codec: str | None = None
     settings: dict[str, Any] = {}
@@ -94,6 +99,14 @@ class SensorConfig(_Strict):
     record: RecordConfig | None = None
     keep: KeepConfig | None = None
     original: bool = False
+
+    @field_validator("mount", mode="before")
+    @classmethod
+    def _mount(cls, value: object) -> Mounting | None:
+        try:
+            return None if value is None else Mounting.of_values(value)
+        except SettingsError as error:
+            raise ValueError(str(error)) from None
 
     @field_validator("rate")
     @classmethod
@@ -133,31 +146,50 @@ class SensorConfig(_Strict):
         except (LidarCodecError, OSError) as error:
             raise SettingsError(f"{place}.{field}: {error}", field) from None
 
-    def plan(self) -> SensorPlan:
-        """The plan of this sensor for a Vehicle."""
+    def mounted(self, mounts: Mapping[str, Mounting]) -> Mounted:
+        """Where it sits. mounts: those of the vehicle
+
+        Raises SettingsError if poses of the vehicle need it, and it is not known.
+        """
+        mount = self.mount or mounts.get(self.name)
+        if self.poses_of == "vehicle" and (mount is None or self.poses is None):
+            raise SettingsError("poses of the vehicle need `poses`, and `mount` or `mounts`", "poses_of")
+        return Mounted(mount, self.poses_of == "vehicle")
+
+    def plan(self, mounts: Mapping[str, Mounting]) -> SensorPlan:
+        """The plan of this sensor for a Vehicle. mounts: as of `mounted`"""
+        mounted = self.mounted(mounts)
         rate: Rate | None = self.rate
         record, keep = self.record, self.keep
         return SensorPlan(
             self.name,
-            partial(open_source, self.source, calibration=self.calibration, poses=self.poses),
+            partial(_opened, self, mounted),
             self.stream_settings(),
             live=parse_source(self.source).scheme in LIVE,
             rate=rate,
             with_poses=self.poses is not None,
+            mount=mounted.mount,
             record=None if record is None else Record(record.folder, record.form, record_limits(record.gb)),
             keep=None if keep is None else Keep(keep.folder, bytes_of(keep.size), keep.mark_when),
             original=self.original,
         )
 
 
+def _opened(sensor: SensorConfig, mounted: Mounted) -> PacketSource:
+    source = open_source(sensor.source, calibration=sensor.calibration, poses=sensor.poses)
+    mounted.given_to(source)
+    return source
+
+
 class VehicleConfig(_Strict):
-    """A vehicle: its network, and its sensors."""
+    """A vehicle: its network, and its sensors. mounts: a file with the mountings of its sensors"""
 
     vehicle: Name | None = None
     connect: list[str] = []
     listen: list[str] = []
     zenoh_config: Path | None = None
     weights_dir: Path | None = None
+    mounts: Path | None = None
     sensors: list[SensorConfig] = Field(min_length=1, max_length=64)
 
     @model_validator(mode="after")
@@ -224,6 +256,7 @@ def run(
 ) -> None:
     """Publish until every source has ended or a signal arrives. The command line overrides the file."""
     config = read(path, weights_dir)
+    mounts = {} if config.mounts is None else read_mounts(config.mounts)
     for number, sensor in enumerate(config.sensors):
         sensor.check_files(f"{path}: sensors.{number}")
     connect, listen, zenoh_config = given
@@ -231,7 +264,7 @@ def run(
         connect, listen, zenoh_config = config.connect, config.listen, config.zenoh_config
     endpoints = endpoints_of((connect, listen, zenoh_config))
     name = vehicle_of(vehicle or config.vehicle, endpoints)
-    running = Vehicle(name, [sensor.plan() for sensor in config.sensors], endpoints)
+    running = Vehicle(name, [sensor.plan(mounts) for sensor in config.sensors], endpoints)
     with running, stoppable(running.interrupt) as stopped, health_file_or_nothing(health_file, running.states):
         running.wait()
         failures = {} if stopped() else running.failures()

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
+from lidarcodec.mounting import transform_of, vehicle_pose
 
 Cloud = npt.NDArray[np.void]
 Matrix = npt.NDArray[np.float64]
@@ -24,7 +25,8 @@ class Placing:
     """Moves and cuts points.
 
     region: (2, 3) float64, least and greatest x y z in metres of the output, or None
-    T_out_sensor: (4, 4) float64 from the sensor, with `merge` from the sensor as it stood at the first frame
+    T_out_sensor: (4, 4) float64 from the sensor; with `merge` from the sensor as it stood at the first frame, or from
+                  the vehicle where frames have a mounting
     merge: whether points are placed by the poses of their frames
     """
 
@@ -77,14 +79,15 @@ class Placing:
         return inside
 
     def _pose(self, frame: Frame) -> Matrix:
-        """From the sensor at this frame to the sensor at the first one."""
+        """From the sensor at this frame to the sensor at the first one, or to the vehicle there if the frame says how
+        the sensor is mounted."""
         if frame.pose is None:
             raise SettingsError(
                 f"--merge needs to know where the sensor was, but frame {frame.index} has no pose: give --poses FILE",
                 "merge",
             )
         if self._T_first_world is None:
-            self._T_first_world = np.asarray(np.linalg.inv(frame.pose), np.float64)
+            self._T_first_world = np.asarray(np.linalg.inv(vehicle_pose(frame.pose, frame.mount)), np.float64)
         return np.asarray(self._T_first_world @ frame.pose, np.float64)
 
 
@@ -112,19 +115,10 @@ def _region(text: str) -> Matrix:
 def _transform(text: str) -> Matrix:
     form = "X,Y,Z,ROLL,PITCH,YAW in metres and degrees, or the 12 numbers of a 3 x 4 matrix, row by row"
     numbers = _numbers("--transform", text, form, (6, 12))
-    T = np.eye(4)
     if len(numbers) == 12:
+        T = np.eye(4)
         T[:3] = np.array(numbers).reshape(3, 4)
         if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
             raise SettingsError(f"--transform {text}: its 3 x 3 part is not a rotation", "transform")
         return T
-    roll, pitch, yaw = np.radians(numbers[3:])
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
-    # Rz(yaw) Ry(pitch) Rx(roll), as in ROS (REP 103).
-    T[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    T[:3, 3] = numbers[:3]
-    return T
+    return transform_of(*numbers)

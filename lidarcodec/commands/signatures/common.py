@@ -35,6 +35,23 @@ PosesFile = Annotated[
     Path | None,
     Option("--poses", metavar="FILE", help="Poses of the sensor (.npz, TUM or KITTI). They are sent with each frame."),
 ]
+MountText = Annotated[
+    str | None,
+    Option(
+        "--mount",
+        metavar="X,Y,Z,ROLL,PITCH,YAW|FILE",
+        help="Where the sensor sits on its vehicle, in metres and degrees, or a file with all sensors (mounts.yaml). "
+        "FILE#NAME chooses one.",
+    ),
+]
+PosesOf = Annotated[
+    str | None,
+    Option(
+        "--poses-of",
+        metavar="sensor|vehicle",
+        help="Whose poses the file of --poses holds. Default: sensor. vehicle needs --mount.",
+    ),
+]
 CodecName = Annotated[str | None, Option("--codec", metavar="NAME", help="Name of the codec. Default: pcodec.")]
 Pairs = Annotated[
     list[str] | None,

@@ -24,8 +24,10 @@ from lidarcodec.commands.signatures.common import (
     FrameCount,
     LearnSteps,
     ModelName,
+    MountText,
     Pairs,
     PosesFile,
+    PosesOf,
     SkipCount,
     Source,
     WithClouds,
@@ -87,6 +89,8 @@ def encode(
     calibration: CalibrationFile = None,
     model: ModelName = None,
     poses: PosesFile = None,
+    mount: MountText = None,
+    poses_of: PosesOf = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
     allow_missed: AllowMissed = False,
@@ -96,11 +100,13 @@ def encode(
     """Encode a source into a recording. The short form of `convert`."""
     from lidarcodec.commands import encode as command
     from lidarcodec.commands.selection.frames import Selection
+    from lidarcodec.sources.mounts import Mounted
 
+    mounted = Mounted.of(mount, poses_of, poses=poses is not None)
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     selection = Selection(frames, skip, begin, end)
     command.run(of_model(source, model), out, codec, pairs, selection, calibration, poses, with_clouds, learn, force,
-                allow_missed, as_json)  # fmt: skip
+                allow_missed, as_json, mounted)  # fmt: skip
 
 
 @prints(Converted)

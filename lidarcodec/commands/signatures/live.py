@@ -19,7 +19,9 @@ from lidarcodec.commands.signatures.common import (
     FrameCount,
     Listen,
     ModelName,
+    MountText,
     Pairs,
+    PosesOf,
     WithClouds,
     ZenohConfig,
     of_model,
@@ -117,6 +119,8 @@ def publish(
             help="Poses to send: a file (.npz, TUM or KITTI), or `source` for the poses in the source.",
         ),
     ] = None,
+    mount: MountText = None,
+    poses_of: PosesOf = None,
     original: Annotated[
         bool, Option("--original", help="Also send uncompressed frames to local viewers that use Compare.")
     ] = False,
@@ -148,6 +152,7 @@ def publish(
     Ctrl-C.
     """
     from lidarcodec.commands.publish import command
+    from lidarcodec.sources.mounts import Mounted
 
     keep_standard_output()
     if config is not None:
@@ -160,6 +165,7 @@ def publish(
                 "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
                 "--keep": keep, "--keep-dir": keep_dir, "--mark-when": mark_when,
                 "--calibration": calibration, "--model": model, "--poses": poses, "--original": original,
+                "--mount": mount, "--poses-of": poses_of,
                 "--loop": loop,
             }
         )  # fmt: skip
@@ -178,6 +184,7 @@ def publish(
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, keep, keep_dir, tuple(mark_when or ()),
         calibration, poses, health_file, original, weights_dir, link, loop, as_json,
+        Mounted.of(mount, poses_of, poses=poses is not None and poses != command.OWN_POSES, sensor=sensor or "lidar"),
     )  # fmt: skip
 
 

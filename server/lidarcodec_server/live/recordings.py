@@ -145,7 +145,7 @@ class Recordings:
             )
         # One file for each recording: the limit ends it before the recorder would begin a second file.
         sizes = {"max_file_bytes": _FOREVER_BYTES, "max_total_bytes": 2 * _FOREVER_BYTES}
-        active = _Active(recording, BackgroundRecorder(self.shelf.path(recording.id), keys, None, **sizes), kept)
+        active = _Active(recording, BackgroundRecorder(self.shelf.path(recording.id), keys, None, None, **sizes), kept)
         self._active[keys] = active
         active.recorder.start()
         active.task = self._loop.create_task(self._keep(keys, active))

@@ -29,6 +29,8 @@ export interface ImageFrame {
   readonly lattice: Uint16Array | null;
   /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
   readonly pose: Float64Array | null;
+  /** T_vehicle_sensor, first three rows: where the sensor sits on its vehicle; null if the stream does not say. */
+  readonly mount: Float64Array | null;
 }
 
 /** Whether a frame is of another sensor than an HDL-64E. */
@@ -36,7 +38,7 @@ export function isImageFrame(frame: Frame | ImageFrame): frame is ImageFrame {
   return "planes" in frame;
 }
 
-export function readImageFrame(message: Message, sensors: SensorBook<DescribedSensor>): ImageFrame {
+export function readImageFrame(message: Message, sensors: SensorBook<DescribedSensor>): Omit<ImageFrame, "mount"> {
   const { streamId, index, stampNs, codec, width } = message;
   if (message.needs !== null) throw damaged("a message of planes that refers to another");
   const sensor = sensors.of(message);
