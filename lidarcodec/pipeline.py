@@ -22,7 +22,7 @@ from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
 from lidarcodec.message import Message, SectionType
-from lidarcodec.mounted_stream import MountMemory, MountNotes, mounted
+from lidarcodec.mounting.stream import MountMemory, MountNotes, mounted
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto

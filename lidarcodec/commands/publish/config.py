@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -39,6 +40,7 @@ from lidarcodec.sources.spec import LIVE
 from lidarcodec.sources.spec import parse as parse_source
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 
+NOWHERE: Final[Mapping[str, Mounting]] = MappingProxyType({})
 Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME)]
 
 
@@ -146,7 +148,7 @@ class SensorConfig(_Strict):
         except (LidarCodecError, OSError) as error:
             raise SettingsError(f"{place}.{field}: {error}", field) from None
 
-    def mounted(self, mounts: Mapping[str, Mounting]) -> Mounted:
+    def mounted(self, mounts: Mapping[str, Mounting] = NOWHERE) -> Mounted:
         """Where it sits. mounts: those of the vehicle
 
         Raises SettingsError if poses of the vehicle need it, and it is not known.
@@ -156,7 +158,7 @@ class SensorConfig(_Strict):
             raise SettingsError("poses of the vehicle need `poses`, and `mount` or `mounts`", "poses_of")
         return Mounted(mount, self.poses_of == "vehicle")
 
-    def plan(self, mounts: Mapping[str, Mounting]) -> SensorPlan:
+    def plan(self, mounts: Mapping[str, Mounting] = NOWHERE) -> SensorPlan:
         """The plan of this sensor for a Vehicle. mounts: as of `mounted`"""
         mounted = self.mounted(mounts)
         rate: Rate | None = self.rate

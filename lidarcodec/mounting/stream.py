@@ -6,10 +6,13 @@ Codecs know nothing of mountings: a mounting belongs to the sensor, and only its
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.mounting import Matrix, decode_mount, encode_mount, is_same
+
+if TYPE_CHECKING:
+    from lidarcodec.frame import Frame
 
 
 class MountNotes:
