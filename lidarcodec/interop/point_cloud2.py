@@ -24,7 +24,7 @@ POINT_DTYPE: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]
 )
 MARKED_DTYPE: Final = np.dtype([*POINT_DTYPE.descr, ("filled", "u1")])
-_DATATYPES: Final = {"|u1": 2, "<u2": 4, "<f4": 7}
+DATATYPES: Final = {"|u1": 2, "<u2": 4, "<f4": 7}
 
 
 def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:
@@ -50,7 +50,7 @@ def point_cloud2(frame: Frame, frame_id: str, *, marks: bool = False) -> bytes:
     points = points_of(frame, marks=marks)
     writer = CdrWriter().header(frame.stamp_ns, frame_id).u32(1).u32(len(points)).u32(len(points.dtype.names or ()))
     for name, (dtype, offset, *_) in dict(points.dtype.fields or {}).items():
-        writer.text(name).u32(offset).u8(_DATATYPES[dtype.str]).u32(1)
+        writer.text(name).u32(offset).u8(DATATYPES[dtype.str]).u32(1)
     writer.u8(0).u32(points.dtype.itemsize).u32(points.nbytes)
     return writer.u32(points.nbytes).raw(points.tobytes()).u8(1).done()
 

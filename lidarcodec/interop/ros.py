@@ -57,6 +57,17 @@ POINT_CLOUD2: Final = RosType(
     ),
     "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
 )
+COMPRESSED_CLOUD: Final = RosType(
+    "point_cloud_interfaces/msg/CompressedPointCloud2",
+    _defined(
+        "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
+        "uint32 point_step\nuint32 row_step\nuint8[] compressed_data\nbool is_dense\nstring format\n",
+        "std_msgs/Header",
+        "builtin_interfaces/Time",
+        "sensor_msgs/PointField",
+    ),
+    "RIHS01_4b38df4932a156a54c53e80a7f34e54e2966b20e54a4d14ded34a165a389c0c1",
+)
 VELODYNE_SCAN: Final = RosType(
     "velodyne_msgs/msg/VelodyneScan",
     _defined(

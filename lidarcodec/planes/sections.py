@@ -28,6 +28,7 @@ Azimuth = npt.NDArray[np.uint16]
 
 EncodeMask = Callable[[Frame], bytes]
 """Codes the mask of a frame in a stream whose masks refer to earlier ones."""
+_POSE_BYTES = 12 * 8
 DecodeSide = Callable[[bytes, int], SideInfo]
 """Reads a SIDE section, of its bytes and the number of packets. Raises SectionError or TruncatedError."""
 
@@ -103,6 +104,22 @@ def pose_sections(frame: Frame) -> list[Section]:
     if not is_rigid(frame.pose):
         raise LidarCodecError(f"frame {frame.index} has a pose that is not a rigid transform")
     return [Section(SectionType.POSE, frame.pose[:3].astype("<f8").tobytes())]
+
+
+def pose_of(message: Message) -> npt.NDArray[np.float64] | None:
+    """(4, 4) float64 T_world_sensor of a message, without decoding it; None if it has none.
+
+    Raises SectionError for what is no rigid transform.
+    """
+    if not any(section.type == SectionType.POSE for section in message.sections):
+        return None
+    data = message.section(SectionType.POSE)
+    if len(data) != _POSE_BYTES:
+        raise SectionError(f"a pose of {len(data)} bytes: it has {_POSE_BYTES}")
+    pose = np.vstack([np.frombuffer(data, "<f8").reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+    if not is_rigid(pose):
+        raise SectionError("a pose that is no rigid transform")
+    return pose
 
 
 def side_of(message: Message, decode: DecodeSide = entropy.decode_side) -> SideInfo | None:

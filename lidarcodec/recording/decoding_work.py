@@ -7,13 +7,12 @@ decode, so a megabyte would take hours. Recordings of lidarcodec never have so m
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Final
+from typing import Final, Protocol
 
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE, Allowance
 from lidarcodec.errors import DecodeError, MissingExtraError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.recording.reader import RecordingReader
 from lidarcodec.sensors.images import MAX_CELLS
 from lidarcodec.units import LASERS
 from lidarcodec.wire import unpack
@@ -24,8 +23,17 @@ NUMBER: Final = 0.25
 """The cost of a number of a plane of another sensor than an HDL-64E, with or without a return, in returns."""
 
 
+class Readable(Protocol):
+    """A file that gives messages. size: its bytes;  leave_out_rest: counts and logs that the rest is not read"""
+
+    @property
+    def size(self) -> int: ...
+
+    def leave_out_rest(self, why: str) -> None: ...
+
+
 def decoded(
-    reader: RecordingReader,
+    reader: Readable,
     messages: Iterable[tuple[int, bytes]],
     decode: Callable[[Message], list[Frame]],
     failed: Callable[[DecodeError], object],

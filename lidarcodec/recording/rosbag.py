@@ -1,6 +1,7 @@
 """RosbagWriter: packets as `velodyne_msgs/VelodyneScan` in a rosbag2 of MCAP format, optionally with points.
 
-`ros2 bag play` plays the bag, and the Velodyne driver converts its packets to points.
+`ros2 bag play` plays the bag, and the Velodyne driver converts its packets to points. A bag of coded messages
+(`write_coded`) is decoded by our plug-in for `point_cloud_transport`, and by our extension for Foxglove.
 
 >>> import io
 >>> from lidarcodec.packet import Packet
@@ -18,11 +19,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import IO, Any, Final
 
+import numpy as np
+import numpy.typing as npt
 import yaml
 
+from lidarcodec import wire
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
+from lidarcodec.interop.compressed_cloud import coded_topic, compressed_cloud
 from lidarcodec.interop.point_cloud2 import cdr_of, point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import scan_of
 from lidarcodec.mounting import Matrix, is_same, vehicle_pose
@@ -128,6 +133,17 @@ class RosbagWriter(McapFile):
             self.left_out += 1
             return
         self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, data)
+
+    def write_coded(self, data: bytes, pose: npt.NDArray[np.float64] | None) -> None:
+        """Add a message of lidarcodec as it is, and the pose that it carries, (4, 4) float64.
+
+        Raises DecodeError for bytes that do not begin as a message, OSError.
+        """
+        stamp_ns = wire.peek(data).stamp_ns
+        if pose is not None:
+            self._add(TF_TOPIC, ros.TF_MESSAGE, stamp_ns, tf_message(stamp_ns, WORLD, self.frame_id, pose))
+        coded = compressed_cloud(data, stamp_ns, self.frame_id)
+        self._add(coded_topic(self._points_topic), ros.COMPRESSED_CLOUD, stamp_ns, coded)
 
     def not_kept(self) -> str:
         """What was left out, as a sentence; empty if nothing was."""

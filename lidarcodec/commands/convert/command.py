@@ -54,9 +54,9 @@ def convert(
         Option(
             "--as",
             metavar="FORMAT",
-            help="Format: pcap, recording, packets, rosbag, clouds, npz, ply, pcd, pcd-compressed, las, laz, csv, e57, "
-            "kitti. Default: by the ending of OUT; a folder is a rosbag. With a folder, formats of points give a file "
-            "for each frame.",
+            help="Format: pcap, recording, packets, rosbag, messages, clouds, npz, ply, pcd, pcd-compressed, las, laz, "
+            "csv, e57, kitti. Default: by the ending of OUT; a folder is a rosbag. With a folder, formats of points "
+            "give a file for each frame.",
         ),
     ] = None,
     begin: FromTime = None,
@@ -69,10 +69,15 @@ def convert(
     with_clouds: WithClouds = False,
     topic: Annotated[
         str | None,
-        Option("--topic", metavar="NAME", help="Topic of the packets in a rosbag. Default: /velodyne_packets."),
+        Option(
+            "--topic",
+            metavar="NAME",
+            help="Topic of the packets in a rosbag. Default: /velodyne_packets. Messages are on NAME/lidarcodec.",
+        ),
     ] = None,
     frame_id: Annotated[
-        str | None, Option("--frame-id", metavar="NAME", help="frame_id in a rosbag. Default: velodyne.")
+        str | None,
+        Option("--frame-id", metavar="NAME", help="frame_id in a rosbag. Default: velodyne, or VEHICLE/SENSOR."),
     ] = None,
     allow_missed: AllowMissed = False,
     force: Force = False,
@@ -90,6 +95,7 @@ def convert(
 ) -> None:
     """Convert any source to packets, a recording, a rosbag2, images or points. Packets do not change."""
     from lidarcodec.commands.convert import convert as packets
+    from lidarcodec.commands.convert import messages
     from lidarcodec.commands.convert.frames import Wanted, receive
     from lidarcodec.commands.convert.frames import convert as write_frames
     from lidarcodec.commands.convert.outputs import FORMS
@@ -102,6 +108,14 @@ def convert(
 
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge)
+    if form == messages.FORM:
+        for name, other in (("--from", begin), ("--to", end), ("--skip", skip), ("--frames", frames),
+                            ("--codec", codec), ("--set", pairs), ("--calibration", calibration), ("--poses", poses),
+                            ("--with-clouds", with_clouds), (placing.given, placing.given)):  # fmt: skip
+            if other:
+                raise SettingsError(f"{name} is not for messages: a whole recording is copied as it is", "as")
+        messages.run(spec, out, topic, frame_id, force=force, as_json=as_json)
+        return
     kept = packet_form_of(out, form)
     stream = source.removeprefix(STREAM)
     sensor = stream.rpartition("/")[2] if stream != source else None

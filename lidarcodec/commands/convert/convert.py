@@ -163,10 +163,14 @@ def _wanted(
     if form != "rosbag" and (topic or frame_id):
         raise SettingsError(f"--topic and --frame-id are for rosbags, but {out} is not a rosbag", "topic")
     defaults = Wanted(form, clouds)
-    topic = topic or defaults.topic
+    return Wanted(form, clouds, ros_topic(topic or defaults.topic), frame_id or defaults.frame_id)
+
+
+def ros_topic(topic: str) -> str:
+    """The given topic. Raises SettingsError for a name that ROS does not know."""
     if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
         raise SettingsError(f"--topic {topic} is not a ROS name: write /parts/of_letters_and_digits", "topic")
-    return Wanted(form, clouds, topic, frame_id or defaults.frame_id)
+    return topic
 
 
 def _needs_file(form: Form, sensor: SensorModel) -> bool:

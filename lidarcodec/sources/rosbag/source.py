@@ -1,5 +1,6 @@
-"""RosbagSource: packets in `velodyne_msgs/VelodyneScan` messages of a rosbag2, from MCAP or SQLite files, and the
-`sensor_msgs/PointCloud2` messages of a rosbag2 or of a bag of ROS 1.
+"""RosbagSource: packets in `velodyne_msgs/VelodyneScan` messages of a rosbag2, from MCAP or SQLite files, the
+`sensor_msgs/PointCloud2` messages of a rosbag2 or of a bag of ROS 1, and coded messages in
+`point_cloud_interfaces/CompressedPointCloud2`.
 
 It needs no ROS. A bag is a folder with a metadata.yaml and one or more files, or a single such file.
 """
@@ -8,49 +9,56 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import zstandard
 
 from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance, FileTooLargeError, read_file
 from lidarcodec.errors import DecodeError, SectionError, SourceError
 from lidarcodec.files.regular import open_regular
+from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
+from lidarcodec.interop.compressed_cloud import message_of
 from lidarcodec.interop.velodyne_scan import packets_of_scan
 from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.recording.rosbag import ENCODING, PROFILE
 from lidarcodec.sensor_model import POINTCLOUD2
-from lidarcodec.sensors import check_recognised, find_sensor
+from lidarcodec.sensors import check_recognised, find_sensor, read_calibration
 from lidarcodec.sensors.clouds.message import ROS1
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.cloud_packets import CloudPackets
 from lidarcodec.sources.decompress import WINDOW_LIMIT
 from lidarcodec.sources.rosbag import bag1, sqlite
+from lidarcodec.sources.rosbag.coded import CodedMessages
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 
 log = logging.getLogger(__name__)
+Found = TypeVar("Found")
 
 METADATA: Final = "metadata.yaml"
 SCAN: Final = ros.VELODYNE_SCAN.name.replace("/msg/", "/")
 CLOUD: Final = ros.POINT_CLOUD2.name.replace("/msg/", "/")
+CODED: Final = ros.COMPRESSED_CLOUD.name.replace("/msg/", "/")
 FIRST_CLOUDS: Final = 2
 """Clouds that are looked at before the reading begins."""
+_WHAT: Final = {SCAN: "packets", CLOUD: "clouds", CODED: "compressed clouds"}
 _MAX_FILES: Final = 4096
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 
 
 class RosbagSource(PacketSource):
-    """Packets of one topic of a bag: those in VelodyneScan messages, or PointCloud2 messages, each of which is one.
+    """Packets of one topic of a bag: those in VelodyneScan messages, PointCloud2 messages, each of which is one, or
+    what coded messages decode to.
 
-    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan), `too long`
-    (messages of more than 32 MiB)
+    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages of another type or format), `too long`
+    (messages of more than 32 MiB); of coded messages also those of CodedMessages
     """
 
     def __init__(
@@ -58,20 +66,26 @@ class RosbagSource(PacketSource):
     ) -> None:
         """Reads the beginning.
 
-        topic: topic to read, for a bag with several; by default its packets, and its clouds where it has none
+        topic: topic to read, for a bag with several; by default its packets, else its clouds, else its coded messages
         Raises SourceError if this is no bag or has no such topic, PacketError for packets of another sensor,
         CalibrationError.
         """
         self.path = path
         self.files = _files_of(path)
-        self.topic, self._clouds = _topic_of(path, self.files, topic, model)
-        first = list(islice(self._read(Counter(), warn=False), FIRST_CLOUDS if self._clouds else SEARCHED_PACKETS))
-        if not first:
-            raise SourceError(f"{path} has no readable packet on topic {self.topic}")
-        payloads = [packet.payload for packet in first]
-        found = POINTCLOUD2 if self._clouds else model or check_recognised(payloads).model
-        super().__init__(find_sensor(path, calibration, payloads, found))
-        self.start_ns = first[0].stamp_ns
+        self.topic, self._kind = _topic_of(path, self.files, topic, model)
+        if self._kind == CODED:
+            frame = self._first_frame()
+            super().__init__(frame.sensor if calibration is None else read_calibration(calibration, "given"))
+            self.start_ns = frame.stamp_ns
+        else:
+            clouds = self._kind == CLOUD
+            first = list(islice(self._read(Counter(), warn=False), FIRST_CLOUDS if clouds else SEARCHED_PACKETS))
+            if not first:
+                raise SourceError(f"{path} has no readable packet on topic {self.topic}")
+            payloads = [packet.payload for packet in first]
+            found = POINTCLOUD2 if clouds else model or check_recognised(payloads).model
+            super().__init__(find_sensor(path, calibration, payloads, found))
+            self.start_ns = first[0].stamp_ns
         self.label = f"rosbag {path.name}, {self.topic}"
 
     @classmethod
@@ -87,19 +101,35 @@ class RosbagSource(PacketSource):
                 return
             yield packet
 
+    def _first_frame(self) -> Frame:
+        counts = Counter[str]()
+        coded = CodedMessages(self.path, self.files, counts, warn=False)
+        frame = next(coded.frames(self._each(message_of, counts, warn=False)), None)
+        if frame is None:
+            raise SourceError(f"{self.path} has no message of lidarcodec that can be decoded on topic {self.topic}")
+        return frame
+
     def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
+        if self._kind == CODED:
+            coded = CodedMessages(self.path, self.files, counts, warn=warn)
+            yield from coded.packets(self._each(message_of, counts, warn))
+            return
+        of = CloudPackets(counts).of if self._kind == CLOUD else packets_of_scan
+        for packets in self._each(of, counts, warn):
+            yield from packets
+
+    def _each(self, of: Callable[[bytes], Found], counts: Counter[str], warn: bool) -> Iterator[Found]:
+        """What `of` makes of each message of the topic. Those from which it raises a DecodeError are counted."""
         expands, seen, number = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0, 0
-        clouds = CloudPackets(counts)
         for file in self.files:
             for data in _messages(file, self.topic, counts, warn):
                 seen, number = seen + len(data), number + 1
                 try:
-                    plain = _plain(data, expands, seen)
-                    packets = clouds.of(plain) if self._clouds else packets_of_scan(plain)
+                    found = of(_plain(data, expands, seen))
                 except DecodeError:
                     counts["bad scans"] += 1
                     continue
-                yield from packets
+                yield found
         announced = _announced_count(self.path, self.topic)
         if number < announced:
             counts["damaged"] += 1
@@ -168,8 +198,9 @@ def _topics(file: Path) -> dict[str, str]:
         return RecordingReader(stream, warn=False).topics()
 
 
-def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | None) -> tuple[str, bool]:
-    """The topic to read, and whether its messages are clouds: `wanted`, or the only one with scans, else clouds."""
+def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | None) -> tuple[str, str]:
+    """The topic to read and its type, SCAN, CLOUD or CODED: `wanted`, or the only one with scans, else with clouds,
+    else with coded messages."""
     topics: dict[str, str] = {}
     try:
         for file in files:
@@ -178,24 +209,23 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | No
         raise SourceError(f"cannot read {path}: {error.strerror or error}") from None
     # ROS 1 called it velodyne_msgs/VelodyneScan, and some bags that were converted still do.
     types = {name: kind.replace("/msg/", "/") for name, kind in topics.items()}
-    scans = sorted(name for name, kind in types.items() if kind == SCAN and not _in_ros1(files))
-    clouds = sorted(name for name, kind in types.items() if kind == CLOUD)
-    if model == POINTCLOUD2:
-        scans = []
-    elif model is not None:
-        clouds = []
-    if wanted is not None and wanted not in (*scans, *clouds):
-        sought = CLOUD if model == POINTCLOUD2 else SCAN if model is not None or not clouds else f"{SCAN} or {CLOUD}"
-        has = ", ".join((*scans, *clouds)) or "none"
-        raise SourceError(f"{path} has no {sought} on topic {wanted}; it has these: {has}")
+    sought = [SCAN, CLOUD, CODED] if model is None else [CLOUD] if model == POINTCLOUD2 else [SCAN]
+    if _in_ros1(files):
+        sought = [kind for kind in sought if kind == CLOUD]
+    has = {kind: sorted(name for name, of in types.items() if of == kind) for kind in sought}
+    names = [name for kind in sought for name in has[kind]]
+    if wanted is not None and wanted not in names:
+        text = " or ".join(kind for kind in sought if has[kind]) or " or ".join(sought[:2])
+        raise SourceError(f"{path} has no {text} on topic {wanted}; it has these: {', '.join(names) or 'none'}")
     if wanted is not None:
-        return wanted, wanted in clouds
-    found, what = (scans, "packets") if scans else (clouds, "clouds")
-    if len(found) > 1:
-        raise SourceError(f"{path} has {what} on several topics: choose one with ?topic=NAME, of {', '.join(found)}")
-    if not found:
-        raise SourceError(f"{path} has neither {SCAN} nor {CLOUD} among its {len(topics)} topics")
-    return found[0], not scans
+        return wanted, types[wanted]
+    kind = next((kind for kind in sought if has[kind]), None)
+    if kind is None:
+        raise SourceError(f"{path} has neither {SCAN} nor {CLOUD} nor {CODED} among its {len(topics)} topics")
+    if len(has[kind]) > 1:
+        chosen = f"choose one with ?topic=NAME, of {', '.join(has[kind])}"
+        raise SourceError(f"{path} has {_WHAT[kind]} on several topics: {chosen}")
+    return has[kind][0], kind
 
 
 def _in_ros1(files: list[Path]) -> bool:
