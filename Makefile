@@ -34,7 +34,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables evidence web wasm site clean
+.PHONY: foxglove help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables evidence web wasm site clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -110,11 +110,14 @@ web: ## build the page from clients/web into the server's package, where it is c
 wasm: ## build the decoder that the page runs, from native/, where it is committed; then run `make web` (needs clang, lld and wasi-libc)
 	@sh tools/build-wasm.sh
 
+foxglove: ## build the extension for Foxglove into clients/foxglove/dist, an archive that is dragged into its window (needs node and npm)
+	cd clients/foxglove && $(NPM_CI) && npm run --silent build
+
 site: $(STAMPS)/site ## build the site of the documents into build/site; build/site/index.html opens in a browser
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict $(ARGS)
 
 clean: ## remove the environment and every build
-	rm -rf $(VENV) build lidarcodec/_native*.so clients/*/node_modules clients/typescript/dist
+	rm -rf $(VENV) build lidarcodec/_native*.so clients/*/node_modules clients/typescript/dist clients/foxglove/dist
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
 
@@ -154,10 +157,11 @@ $(STAMPS)/site: $(STAMPS)/build requirements/site.txt
 	@touch $@
 
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.
-$(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json
-	@if command -v npm >/dev/null; then echo "Installing what the tests of the page and of the TypeScript decoder need ..."; \
+$(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json clients/foxglove/package-lock.json
+	@if command -v npm >/dev/null; then echo "Installing what the tests of the page, the decoder in TypeScript and the extension need ..."; \
 	  (cd clients/web && $(NPM_CI)) || echo "npm could not: tests of the sources of clients/web are skipped"; \
-	  (cd clients/typescript && $(NPM_CI)) || echo "npm could not: tests of clients/typescript are skipped"; fi
+	  (cd clients/typescript && $(NPM_CI)) || echo "npm could not: tests of clients/typescript are skipped"; \
+	  (cd clients/foxglove && $(NPM_CI)) || echo "npm could not: tests of clients/foxglove are skipped"; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)

@@ -1,10 +1,12 @@
 """RosBridge: live streams as `sensor_msgs/PointCloud2` for ROS 2, straight into its Zenoh network; no ROS needed here.
 
-    frame of a stream -> PointCloud2 in CDR -> topic /VEHICLE/SENSOR/points
-    its pose, if any  -> TFMessage          -> topic /tf
-    its mounting      -> TFMessage          -> topic /tf_static, once a second
+    frame of a stream -> PointCloud2 in CDR    -> topic /VEHICLE/SENSOR/points
+    its message       -> CompressedPointCloud2 -> topic /VEHICLE/SENSOR/points/lidarcodec
+    its pose, if any  -> TFMessage             -> topic /tf
+    its mounting      -> TFMessage             -> topic /tf_static, once a second
 
 Nothing is made while nobody subscribes. A frame that comes while one is being sent replaces the one that waits.
+Messages are passed on as they come, every one of them: most build on those before.
 """
 
 from __future__ import annotations
@@ -22,12 +24,14 @@ from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
+from lidarcodec.interop.compressed_cloud import coded_topic, compressed_cloud
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
-from lidarcodec.interop.ros import POINT_CLOUD2, TF_MESSAGE
+from lidarcodec.interop.ros import COMPRESSED_CLOUD, POINT_CLOUD2, TF_MESSAGE
 from lidarcodec.mounting import vehicle_pose
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import peek
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +44,8 @@ STATIC_TF_TOPIC: Final = "/tf_static"
 STATIC_S: Final = 1.0
 """How often a mounting is said again: nothing here keeps messages for listeners that come later."""
 TF_DEPTH: Final = 100
+CODED_DEPTH: Final = 10
+"""Messages kept for a slow node: it needs all of them."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +107,8 @@ class _Topic:
 class RosBridge:
     """Bridges streams until it is closed; a context manager.
 
-    counts: `clouds`, `points` (measured), `made_up` points, `transforms` and `mountings` sent, and `unwatched` frames,
-    that nobody subscribed to
+    counts: `clouds`, `points` (measured), `made_up` points, `transforms`, `mountings` and `coded` messages sent, and
+    `unwatched` frames, to whose points nobody subscribed
     """
 
     def __init__(
@@ -127,7 +133,14 @@ class RosBridge:
         self.names = names or RosNames()
         self.counts: Counter[str] = Counter()
         self._fill = fill
-        self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
+        self._streams = Streams(
+            streams,
+            self._take,
+            endpoints=endpoints,
+            transport=transport,
+            until_end=until_end,
+            take_message=self._take_message,
+        )
         if len(self._streams.keys) > 1 and (self.names.topic or self.names.frame_id):
             raise SettingsError("--topic and --frame-id work with a single stream only", "topic")
         self.topics = {key: self.names.topic_of(key) for key in self._streams.keys}
@@ -141,6 +154,8 @@ class RosBridge:
         self._stop = threading.Event()
         self._interrupted = False
         self._points: dict[StreamKeys, _Topic] = {}
+        self._coded: dict[StreamKeys, _Topic] = {}
+        self._followed: set[StreamKeys] = set()
         self._tf: _Topic | None = None
         self._static: _Topic | None = None
         self._mounted_s: dict[StreamKeys, float] = {}
@@ -185,7 +200,7 @@ class RosBridge:
         self._stop.set()
         self._streams.close()
         own = self._transport if self._given_transport is None else None
-        for one in (*self._points.values(), self._tf, self._static, self._node, own):
+        for one in (*self._points.values(), *self._coded.values(), self._tf, self._static, self._node, own):
             if one is not None:
                 one.close()
 
@@ -196,8 +211,10 @@ class RosBridge:
         self._node = self._transport.token(node.token)
         for number, (key, topic) in enumerate(self.topics.items(), 1):
             self._points[key] = _Topic(Publisher(node, number, topic, POINT_CLOUD2), self._transport)
+            coded = Publisher(node, len(self.topics) + number, coded_topic(topic), COMPRESSED_CLOUD, CODED_DEPTH)
+            self._coded[key] = _Topic(coded, self._transport)
         if self.names.transforms:
-            number = len(self.topics) + 1
+            number = 2 * len(self.topics) + 1
             tf = Publisher(node, number, TF_TOPIC, TF_MESSAGE, TF_DEPTH)
             # Past clouds that wait for a slow network: behind one of those it would be thrown away.
             self._tf = _Topic(tf, self._transport, Priority.REAL_TIME)
@@ -229,6 +246,19 @@ class RosBridge:
             self._mounted_s[key] = now_s
             self._static.put(tf_message(frame.stamp_ns, vehicle, frame_id, mount))
             self._count(mountings=1)
+
+    def _take_message(self, key: StreamKeys, data: bytes) -> None:
+        topic = self._coded[key]
+        if not topic.wanted:
+            self._followed.discard(key)
+            return
+        header = peek(data)
+        if key not in self._followed:  # a node that comes between two key messages does not wait for the next one
+            self._followed.add(key)
+            if not header.key:
+                self._streams.live[key].request_key()
+        topic.put(compressed_cloud(data, header.stamp_ns, self.names.frame_of(key)))
+        self._count(coded=1)
 
     def _count(self, **numbers: int) -> None:
         with self._counting:

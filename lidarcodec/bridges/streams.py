@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from lidarcodec.apps.ending import ended
@@ -22,12 +23,14 @@ TICK_S = 0.2
 
 Take = Callable[[StreamKeys, Frame], object]
 """Takes a frame, in the thread of its stream; frames that come meanwhile replace each other."""
+TakeMessage = Callable[[StreamKeys, bytes], object]
+"""Takes the bytes of a message, every one of them, in the thread that receives them; must be quick."""
 
 
 class Streams:
     """Receives streams until it is closed or, with `until_end`, all publishers have gone.
 
-    A frame that cannot be handed on is lost, counted and said once; the stream goes on with the next one.
+    A frame or a message that cannot be handed on is lost, counted and said once; the stream goes on with the next one.
 
     keys: of the streams;  live: what receives them, by key, while it runs
     """
@@ -40,6 +43,7 @@ class Streams:
         endpoints: Endpoints | None = None,
         transport: Transport | None = None,
         until_end: bool = False,
+        take_message: TakeMessage | None = None,
     ) -> None:
         """Raises SettingsError for no stream, for one that is named twice, and for what is no stream."""
         self.keys = [StreamKeys.parse(one) for one in streams]
@@ -48,11 +52,17 @@ class Streams:
         for key in self.keys:
             if self.keys.count(key) > 1:
                 raise SettingsError(f"{key.vehicle}/{key.sensor} is named twice", "stream")
-        self._take = take
+        self._take, self._take_message = take, take_message
         self._failure: BaseException | None = None
         self._once = {key: Once(logger) for key in self.keys}
         self.live = {
-            key: LiveStream(key.prefix, endpoints=endpoints, transport=transport, until_end=until_end)
+            key: LiveStream(
+                key.prefix,
+                endpoints=endpoints,
+                transport=transport,
+                until_end=until_end,
+                on_message=None if take_message is None else partial(self._hand_on_message, key),
+            )
             for key in self.keys
         }
         self._threads = [
@@ -119,3 +129,10 @@ class Streams:
             raise
         except Exception as error:  # whatever a vehicle sends, it ends no stream, neither its own nor those of others
             self._once[key].add("frames not handed on", error)
+
+    def _hand_on_message(self, key: StreamKeys, data: bytes) -> None:
+        try:
+            if self._take_message is not None:
+                self._take_message(key, data)
+        except Exception as error:  # this thread receives the stream, and has to go on
+            self._once[key].add("messages not handed on", error)

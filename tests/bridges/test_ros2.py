@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import zenoh
 
+from lidarcodec import wire
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges.ros2 import RosBridge, RosNames
 from lidarcodec.errors import SettingsError
 from lidarcodec.interop import ros
+from lidarcodec.interop.compressed_cloud import message_of
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
@@ -116,9 +118,9 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
     ):
         assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 3 and len(graph.of(ros.TF_MESSAGE)) >= 3, LIMIT_S)
         # Clouds and tokens come in threads of their own, and what was sent is counted behind that.
-        assert eventually(lambda: len(graph.published()) == 3, LIMIT_S)
+        assert eventually(lambda: len(graph.published()) == 4, LIMIT_S)
         assert eventually(lambda: bridge.counts["clouds"] >= 3, LIMIT_S)
-        (token,) = [one for one in graph.published() if "PointCloud2" in one]
+        (token,) = [one for one in graph.published() if "::PointCloud2" in one]
         assert token.endswith(
             f"/%car_7%roof%points/{ros.POINT_CLOUD2.dds_name}/{ros.POINT_CLOUD2.type_hash}/::,1:,:,:,,"
         )
@@ -204,7 +206,32 @@ def test_nothing_is_made_while_nobody_looks(graph, local):
         assert bridge.counts["clouds"] == 0
         graph.subscribe("/points", ros.POINT_CLOUD2)
         assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 2, LIMIT_S)
-        assert eventually(lambda: len(graph.published()) == 1, LIMIT_S)
+        assert eventually(lambda: len(graph.published()) == 2, LIMIT_S)
+
+
+def test_coded_messages_get_to_a_node_as_they_are_and_decode(graph, local):
+    """The node comes between two key messages, and gets one at once."""
+    settings = StreamSettings(codec="predictive", reduction="columns:8", key_interval=1000)
+    ends = {"endpoints": local, "ros": Endpoints.of(connect=graph.endpoint)}
+    with (
+        RosBridge(["car-7/roof"], **ends) as bridge,
+        Publisher(Loop(), settings, vehicle="car-7", sensor="roof", rate=5.0, endpoints=local),
+    ):
+        assert eventually(lambda: bridge.counts["unwatched"] >= 3, LIMIT_S)
+        graph.subscribe("/car_7/roof/points/lidarcodec", ros.COMPRESSED_CLOUD)
+        assert eventually(lambda: any(wire.peek(one).key for one in messages(graph)), LIMIT_S)
+        assert eventually(lambda: len(messages(graph)) >= 5, LIMIT_S)
+    coded = [wire.unpack(one) for one in messages(graph)]
+    first = next(number for number, one in enumerate(coded) if one.key)
+    decoder = StreamDecoder()
+    assert all(len(decoder.decode(one)) == 1 for one in coded[first:])
+    assert [one.frame_index for one in coded] == sorted({one.frame_index for one in coded})
+    assert bridge.summary()["coded"] >= len(coded)
+
+
+def messages(graph: Ros) -> list[bytes]:
+    """Messages of lidarcodec that came to the node."""
+    return [message_of(data) for data, _ in graph.of(ros.COMPRESSED_CLOUD)]
 
 
 def test_the_router_of_ros_may_come_later(local):
@@ -223,7 +250,7 @@ def test_the_router_of_ros_may_come_later(local):
     late = Ros(port)
     try:
         assert opened.wait(LIMIT_S)
-        assert eventually(lambda: len(late.published()) == 3, LIMIT_S)
+        assert eventually(lambda: len(late.published()) == 4, LIMIT_S)
         bridge.interrupt()
         thread.join(LIMIT_S)
         assert not thread.is_alive()

@@ -24,10 +24,8 @@ TOPIC = "/points/lidarcodec"
 POSE = np.array([[0.0, -1.0, 0.0, 3.5], [1.0, 0.0, 0.0, -2.0], [0.0, 0.0, 1.0, 0.25], [0.0, 0.0, 0.0, 1.0]])
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory) -> Path:
-    """Three frames of `predictive`, the last two of which need the one before them; the first has a pose."""
-    path = tmp_path_factory.mktemp("recorded") / "drive.mcap"
+def written(path: Path) -> Path:
+    """A recording of three frames of `predictive`: the last two need the one before them, and the first has a pose."""
     encoder = StreamEncoder(StreamSettings(codec="predictive"))
     with path.open("wb") as file, RecordingWriter(file, "car-7", "roof") as writer:
         for number, frame in enumerate(frames_of(iter(made.turning(1044)), made.sensor())):
@@ -35,6 +33,11 @@ def recording(tmp_path_factory) -> Path:
             for message in encoder.encode(posed):
                 writer.write(wire.pack(message))
     return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    return written(tmp_path_factory.mktemp("recorded") / "drive.mcap")
 
 
 def messages_in(recording: Path) -> list[bytes]:

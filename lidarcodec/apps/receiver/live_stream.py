@@ -106,6 +106,7 @@ class LiveStream:
     record:     folder for the messages;  clouds: also record the points of each frame, for viewers
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto` (those with native code that
                 may crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
+    on_message: called with the bytes of every message, in the receive thread; must be quick and raise nothing
     stats:      counts and times of this receiver;  status: the publisher's last status
     """
 
@@ -125,6 +126,7 @@ class LiveStream:
         clouds: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
+        on_message: Callable[[bytes], object] | None = None,
     ) -> None:
         """Raises SettingsError for an invalid key, name or address, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
@@ -138,6 +140,7 @@ class LiveStream:
         self._clouds = clouds
         if clouds and self._recorder is not None:
             self._recorder.keep_clouds()
+        self._on_message = on_message
         self._interrupted = self._begun = False
         self._forward = Forward()
         self._listeners: list[Callable[[], object]] = []
@@ -318,6 +321,8 @@ class LiveStream:
     def _keep(self, data: bytes) -> None:
         if self._recorder is not None:
             self._recorder.message(data)
+        if self._on_message is not None:
+            self._on_message(data)
 
     def _ended(self) -> None:
         """No more messages will come: send the last UDP packets, then end the iteration."""

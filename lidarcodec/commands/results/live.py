@@ -52,6 +52,7 @@ class Bridged(TypedDict):
     streams: Annotated[dict[str, dict[str, Any]], "how each stream was received, as of `subscribe`"]
     clouds: NotRequired[Annotated[int, "clouds handed on"]]
     unwatched: NotRequired[Annotated[int, "clouds that nobody watched"]]
+    coded: NotRequired[Annotated[int, "of `bridge ros2`: messages handed on as they are"]]
     url: NotRequired[Annotated[str | None, "of `bridge foxglove`: address for Foxglove"]]
     topics: NotRequired[Annotated[dict[str, str], "of `bridge ros2`: topic of each stream"]]
 
