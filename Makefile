@@ -22,7 +22,7 @@ WEB := $(STAMPS)/web
 # By the lock file, with the hashes in it.
 NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings native/c native/include -type f)
-CXX_FILES = $(shell find native clients/cpp -name '*.[ch]pp' -o -name '*.[ch]')
+CXX_FILES = $(shell find native clients/cpp clients/ros2 -name '*.[ch]pp' -o -name '*.[ch]')
 # Tests wait for each other's processes more than they compute: on two cores four at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
 # when it has done its own.

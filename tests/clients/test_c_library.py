@@ -49,21 +49,7 @@ NUMBERS = {table.codec_id(name) for name in CODECS}
 GOLDEN = sorted(path for path in (ROOT / "tests/golden").glob("v1_*.bin") if path.stem.split("_")[1] in CODECS)
 VECTORS = sorted((ROOT / "tests/vectors").glob("*.bin"))
 OTHERS = [path for path in VECTORS if path.stem.startswith("other_")]
-BUILD = ROOT / "build" / "native"
 KEY_MESSAGE = next(iter(split((ROOT / "tests/golden/v1_pcodec_lossless.bin").read_bytes())))
-
-
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The library as `cmake --install` puts it into a folder."""
-    if not list((BUILD / "native" / "c").glob("liblidarcodec.*")):
-        pytest.skip(
-            "needs the headers of zstd and zlib when the native core is built: apt install libzstd-dev zlib1g-dev"
-        )
-    prefix = tmp_path_factory.mktemp("installed")
-    words = ["cmake", "--install", str(BUILD), "--prefix", str(prefix), "--component", "c"]
-    subprocess.run(words, check=True, capture_output=True, timeout=60)
-    return prefix
 
 
 @pytest.fixture
