@@ -1,6 +1,7 @@
 """Types of the native core, by tools/native_stub.py; the docstring of each function is in native/bindings."""
 
 from collections.abc import Callable, Sequence
+from typing import Annotated, overload
 
 import numpy
 from numpy.typing import NDArray
@@ -301,6 +302,9 @@ class Simulator:
 class SimulatorPoses:
     def __init__(self, scene: str, seed: int, speed: float, traffic: float) -> None: ...
     def at(self, t_ns: NDArray[numpy.int64]) -> NDArray[numpy.float64]: ...
+    def road_users(
+        self, t_ns: int, reach_m: float
+    ) -> tuple[NDArray[numpy.uint8], NDArray[numpy.uint32], NDArray[numpy.float64]]: ...
 
 class SpinningSimulator:
     def __init__(
@@ -534,6 +538,7 @@ def pick_cells(
 def deskewed(
     xyz: NDArray[numpy.int32], cells: NDArray[numpy.uint32], moved: NDArray[numpy.float32]
 ) -> NDArray[numpy.float32]: ...
+@overload
 def ground_of(
     xyz: NDArray[numpy.float32],
     cells: NDArray[numpy.uint32],
@@ -541,6 +546,8 @@ def ground_of(
     fired: NDArray[numpy.uint8],
     rows: NDArray[numpy.int32],
 ) -> NDArray[numpy.uint8]: ...
+@overload
+def ground_of(points: NDArray[numpy.float32]) -> NDArray[numpy.uint8]: ...
 def unseen(
     xyz: NDArray[numpy.float32],
     ground: NDArray[numpy.uint8],
@@ -566,4 +573,7 @@ def greedy_cover(
     enough: float,
     spread: float,
     most: int,
+) -> NDArray[numpy.int32]: ...
+def clusters_of(
+    points: NDArray[numpy.float32], rows: NDArray[numpy.uint16], ground: NDArray[numpy.uint8]
 ) -> NDArray[numpy.int32]: ...

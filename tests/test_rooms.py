@@ -106,6 +106,7 @@ BELOW = {
     "reduction": "motion base",
     "packets": "base",
     "simulator": "base",
+    "segments": "base",
 }
 """Rooms of the native core, and those that they may include."""
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
 from lidarcodec.sensors.corrections import OTHER_SENSORS, OWN, SENSORS, table_of
 from lidarcodec.units import LASERS, RANGE_STEP_M
+from lidarcodec.untrusted.xml import XmlRefusedError, read_xml
 
 CM = 0.01
 TAGS: dict[str, str] = {
@@ -31,7 +31,6 @@ TAGS: dict[str, str] = {
 """Element of `px` for each calibration field."""
 MAX_ELEMENTS = 20_000
 """Most elements; real files have about 1,500."""
-MAX_DEPTH = 32
 
 
 def parse(data: bytes, number: int = LASERS) -> Calibration:
@@ -107,34 +106,10 @@ def text(calibration: Calibration, range_step_m: float = RANGE_STEP_M) -> str:
 
 
 def _tree(data: bytes) -> ElementTree.Element:
-    """Root element. Declarations of entities are refused, so that nothing can expand."""
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-    depth = elements = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, elements
-        depth, elements = depth + 1, elements + 1
-        if elements > MAX_ELEMENTS or depth > MAX_DEPTH:
-            raise CalibrationError(
-                f"it has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels: this is not a db.xml"
-            )
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    def entity(*_declaration: object) -> None:
-        raise CalibrationError("it declares XML entities: this is not a db.xml")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.EntityDeclHandler = builder.data, entity
     try:
-        parser.Parse(data, True)
-    except (expat.ExpatError, LookupError, ValueError) as error:
-        raise CalibrationError(f"it is not valid XML: {error}") from error
-    return builder.close()
+        return read_xml(data, most_elements=MAX_ELEMENTS)
+    except XmlRefusedError as error:
+        raise CalibrationError(f"{error}: this is not a db.xml") from error
 
 
 def _laser(px: ElementTree.Element) -> dict[str, Any]:

@@ -19,10 +19,18 @@ START_NS: Final = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: default host and GPS time of the first packet."""
 LABELS: Final = ("none", "ground", "building", "vegetation", "vehicle", "person", "pole", "other")
 """Name of each label in `truth`."""
+ROAD_USERS: Final = ("none", "car", "van", "truck", "bus", "motorbike", "cyclist", "pedestrian")
+"""Name of each kind in `road_users`."""
+ROAD_USER_DTYPE: Final = np.dtype(
+    [("kind", "u1"), ("id", "u4"), ("x", "f8"), ("y", "f8"), ("z", "f8"), ("yaw_rad", "f8"), ("length_m", "f8"),
+     ("width_m", "f8"), ("height_m", "f8"), ("vx", "f8"), ("vy", "f8")]
+)  # fmt: skip
+"""Of `road_users`. x, y, z: middle of the box in the world, in metres; vx, vy: metres a second in the world."""
 MAX_SEED: Final = 2**53 - 1
 MAX_FRAMES: Final = 10**9
 MAX_SKIP: Final = 10**6
 FARTHEST_M: Final = 1e8
+MOST_REACH_M: Final = 200.0
 LONGEST_NS: Final = 30 * 86_400 * 10**9
 """Poses are found up to 30 days into a drive."""
 
@@ -103,6 +111,7 @@ class SimulatedDrive(PacketSource):
         super().__init__(sensor)
         self.label = f"simulated {scene}, seed {seed}"
         self.scene, self.seed, self.frames = scene, seed, frames
+        self._finder: _native.SimulatorPoses | None = None
         self._options = (scene, seed, 0.0 if speed is None else float(speed), float(traffic))
         self._begin(start_ns)
 
@@ -118,3 +127,29 @@ class SimulatedDrive(PacketSource):
             raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")
         height: npt.NDArray[np.float64] = _native.Simulator(*self._options, self.drive_ns).ground_height(at)
         return height
+
+    def road_users(self, stamp_ns: int, reach_m: float = 80.0) -> npt.NDArray[np.void]:
+        """(N,) ROAD_USER_DTYPE, vehicles and people within `reach_m` of the sensor at a host time, parked ones too.
+
+        Boxes hold all parts: mirrors of cars, feet of walkers. A kind is an index into ROAD_USERS; an id stays the same
+        during the drive. Later times than that of the last call are fast, earlier ones drive again from the start.
+        Raises SourceError for a time before the start or 30 days after it, or a reach beyond 200 m.
+        """
+        since_ns = int(stamp_ns) - self.drive_ns
+        if not (0 <= since_ns <= LONGEST_NS and 0 < reach_m <= MOST_REACH_M):
+            raise SourceError(f"sim:{self.scene}: road users are known for the first 30 days, up to 200 m away")
+        if self._finder is None:
+            self._finder = _native.SimulatorPoses(*self._options)
+        kinds, ids, numbers = self._finder.road_users(since_ns, float(reach_m))
+        x, y, z, c, s, vx, vy = numbers[:, :7].T
+        low, high = numbers[:, 7:10], numbers[:, 10:]
+        middle, size = (low + high) / 2, high - low
+        users = np.empty(len(kinds), ROAD_USER_DTYPE)
+        users["kind"], users["id"], users["vx"], users["vy"] = kinds, ids, vx, vy
+        users["x"] = x + c * middle[:, 0] - s * middle[:, 1]
+        users["y"] = y + s * middle[:, 0] + c * middle[:, 1]
+        users["z"] = z + middle[:, 2]
+        users["yaw_rad"] = np.arctan2(s, c)
+        for axis, name in enumerate(("length_m", "width_m", "height_m")):
+            users[name] = size[:, axis]
+        return users

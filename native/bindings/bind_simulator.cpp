@@ -16,6 +16,7 @@ namespace sim = lidarcodec::sim;
 
 constexpr std::size_t kMostPackets = 100'000;
 constexpr std::uint64_t kMostSkipped = 9'000'000'000;  // 30 days
+constexpr double kMostReachM = 200;
 constexpr std::int64_t kLongestNs = std::int64_t{30} * 86400 * 1'000'000'000;
 
 sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, double speed, double traffic,
@@ -173,7 +174,36 @@ void bind_simulator(nb::module_& m) {
             return give(std::move(out), {n, std::size_t{4}, std::size_t{4}});
           },
           nb::arg("t_ns").noconvert(),
-          "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0; rising order is fast.");
+          "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0; rising order is fast.")
+      .def(
+          "road_users",
+          [](sim::PoseFinder& self, std::int64_t t_ns,
+             double reach_m) -> Tuple<Array<std::uint8_t>, Array<std::uint32_t>, Array<double>> {
+            check(t_ns >= 0 && t_ns <= kLongestNs, "a drive lasts from 0 to 30 days");
+            check(reach_m > 0 && reach_m <= kMostReachM, "road users are known up to 200 m away");
+            std::vector<sim::RoadUser> users;
+            {
+              nb::gil_scoped_release release;
+              users = self.road_users(t_ns, reach_m);
+            }
+            std::vector<std::uint8_t> kinds;
+            std::vector<std::uint32_t> ids;
+            std::vector<double> numbers;
+            for (const sim::RoadUser& user : users) {
+              kinds.push_back(static_cast<std::uint8_t>(user.kind));
+              ids.push_back(user.id);
+              numbers.insert(numbers.end(), {user.at.x, user.at.y, user.at.z, user.c, user.s, user.vx, user.vy});
+              numbers.insert(numbers.end(), user.lo, user.lo + 3);
+              numbers.insert(numbers.end(), user.hi, user.hi + 3);
+            }
+            const std::size_t n = users.size();
+            return nb::make_tuple(give(std::move(kinds), {n}), give(std::move(ids), {n}),
+                                  give(std::move(numbers), {n, std::size_t{13}}));
+          },
+          nb::arg("t_ns"), nb::arg("reach_m"),
+          "Road users near the sensor at a time in ns since packet 0: kinds uint8 (N,), ids uint32 (N,) and float64 "
+          "(N, 13): place x y z in the world, cosine and sine of the heading, velocity x y, and the least and the "
+          "greatest x y z of its parts, in its own frame.");
   nb::class_<sim::SpinningSimulator>(m, "SpinningSimulator", "Any spinning sensor on a simulated drive.")
       .def(
           "__init__",

@@ -26,4 +26,5 @@ NB_MODULE(_native, m) {
   bind_clouds(m);
   bind_reduction(m);
   bind_maps(m);
+  bind_segments(m);
 }

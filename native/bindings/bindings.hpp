@@ -59,3 +59,4 @@ void bind_session(nb::module_& m);
 void bind_clouds(nb::module_& m);
 void bind_reduction(nb::module_& m);
 void bind_maps(nb::module_& m);
+void bind_segments(nb::module_& m);

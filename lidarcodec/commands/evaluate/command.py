@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.results.about import Interrupted
-from lidarcodec.commands.results.measured import Localised
+from lidarcodec.commands.results.measured import Detected, Localised
 from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, Force
 
@@ -119,4 +119,58 @@ def localisation(
             localisers or [], protocols or [], stride, reference, sweep, seed,
         ),
         frames, skip, calibration, poses, cache, plots, as_json, force,
+    )  # fmt: skip
+
+
+@app.command()
+@prints(list[Detected | Interrupted])
+def detection(
+    source: Annotated[
+        str,
+        typer.Argument(metavar="SOURCE", show_default=False, help="A drive. Boxes of simulated drives are known."),
+    ],
+    codec: Annotated[str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,
+    pairs: Annotated[
+        list[str] | None,
+        Option(
+            "--set", metavar="KEY=A[,B,C]", help="A setting and its values. Repeatable. All combinations are measured."
+        ),
+    ] = None,
+    recordings: Annotated[
+        list[Path] | None,
+        Option(
+            "--recording", metavar="FILE", help="Measure the frames of this recording of SOURCE, too. Repeatable."
+        ),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        Option("--labels", metavar="FILE", help="KITTI's labels: a text file of tracking, or tracklet_labels.xml."),
+    ] = None,
+    camera: Annotated[
+        Path | None,
+        Option("--camera", metavar="FILE", help="KITTI's calibration of the camera, for labels in a text file."),
+    ] = None,
+    first_label: Annotated[
+        int,
+        Option(
+            "--first-label", min=-1_000_000, max=1_000_000, metavar="N", help="Number of the label of the first frame."
+        ),
+    ] = 0,
+    frames: Annotated[int | None, Option("--frames", min=1, metavar="N", help="Use N frames.")] = None,
+    skip: Annotated[int, Option("--skip", min=0, metavar="N", help="Skip the first N frames.")] = 0,
+    calibration: Annotated[
+        Path | None, Option("--calibration", metavar="FILE", help="Calibration: db.xml or ROS yaml.")
+    ] = None,
+    poses: Annotated[
+        Path | None, Option("--poses", metavar="FILE", help="Poses, for reductions that use the vehicle's motion.")
+    ] = None,
+    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of the bootstrap.")] = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Find labelled objects in coded frames without a network. Print how many are left, and how much of them."""
+    from lidarcodec.commands.evaluate import detection as command
+
+    command.run(
+        source, codec, pairs or [], recordings or [], labels, camera, first_label, frames, skip, calibration, poses,
+        seed, as_json,
     )  # fmt: skip

@@ -35,6 +35,41 @@ class Benched(TypedDict):
     version: Annotated[str, "version of this package"]
 
 
+class Detected(TypedDict):
+    """One setting of `evaluate detection`; the first object has the frames as they were read. Errors are standard errors
+    by bootstrap over objects. A value is null where nothing was there to be measured."""
+
+    source: Annotated[str, "the drive"]
+    recording: NotRequired[Annotated[str, "the recording whose frames were measured"]]
+    codec: Annotated[str, "name of the codec; `original` for the frames as they were read"]
+    settings: Annotated[dict[str, Any], "all settings, with defaults"]
+    failed: NotRequired[Annotated[int, "messages of the recording that could not be decoded"]]
+    labels: Annotated[str, "where the boxes are from: `labels` or `simulated`"]
+    frames: Annotated[int, "frames of the drive"]
+    frames_left_out: Annotated[int, "frames that did not arrive; all of their objects count as lost"]
+    fewest_returns: Annotated[int, "objects with fewer returns in the original frame are not counted"]
+    points_per_frame: Annotated[float, "returns of each frame that arrived as measured"]
+    bytes_per_frame: Annotated[float | None, "bytes of each frame"]
+    kbps: Annotated[float | None, "bitrate"]
+    version: Annotated[str, "version of this package"]
+    objects: Annotated[int, "boxes that are counted, over all frames"]
+    tracks: Annotated[int, "different objects among them"]
+    found: Annotated[float | None, "share of the boxes whose object is one cluster, with an IoU above 0.5"]
+    found_error: Annotated[float | None, "its error"]
+    returns: Annotated[float | None, "returns in a box, as a share of those in the original frame; mean of the boxes"]
+    returns_error: Annotated[float | None, "its error"]
+    size_error_m: Annotated[float | None, "mean error of length, width and height of the clusters that were found"]
+    size_error_m_error: Annotated[float | None, "its error"]
+    found_difference: Annotated[float | None, "`found` minus that of the original frames"]
+    found_difference_error: Annotated[float | None, "its error"]
+    size_error_difference: Annotated[float | None, "`size_error_m` minus that in the original, of boxes found in both"]
+    size_error_difference_error: Annotated[float | None, "its error"]
+    ground_iou: Annotated[float | None, "IoU of the returns on the ground with those of the original frames"]
+    ground_iou_error: Annotated[float | None, "its error, by bootstrap over frames"]
+    kinds: Annotated[dict[str, dict[str, Any]], "the fields from `objects` to `size_error_difference_error` by kind"]
+    distances: Annotated[dict[str, dict[str, Any]], "the same by distance, such as `15-30` metres"]
+
+
 class Localised(TypedDict):
     """One method on one drive, or on all drives together, of `evaluate localisation`. The results of each kind of test
     are in fields of its name: `track`, `starts`, `near`."""

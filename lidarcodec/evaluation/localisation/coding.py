@@ -26,6 +26,7 @@ ODOMETRY_DEG: Final = 0.1
 ODOMETRY_S: Final = 0.9
 """Error of wheel odometry and gyroscopes over all axes, after so long. It grows like a random walk."""
 Choose = Callable[[Frame], Frame]
+Show = Callable[[int, Frame], None]
 
 
 @dataclass
@@ -72,10 +73,12 @@ def received(
     wanted: Iterable[int],
     choose: Choose | None = None,
     tick: Callable[[], None] = lambda: None,
+    show: Show = lambda at, frame: None,
 ) -> Received:
     """Encode and decode frames one after the other, and return those with a position in `wanted`.
 
-    choose: selects the returns to send, instead of the reducer of the settings
+    choose: selects the returns to send, instead of the reducer of the settings; show: called with each decoded frame and
+    its position, but not for frames that were skipped
     Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
     """
     encoder, decoder, found = StreamEncoder(settings), StreamDecoder(), Received()
@@ -85,6 +88,7 @@ def received(
         for frame in decoded:
             at = place.pop(frame.index)
             found.points.append(frame.points)
+            show(at, frame)
             if at in wanted_frames:
                 found.frames[at] = frame
 

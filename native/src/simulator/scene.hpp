@@ -47,6 +47,9 @@ const Surface& surface_of(Material material);
 // What a return belongs to, for ground truth.
 enum class Label : std::uint8_t { None, Ground, Building, Vegetation, Vehicle, Person, Pole, Other };
 
+// What a road user is, for the truth of boxes.
+enum class ObjectKind : std::uint8_t { None, Car, Van, Truck, Bus, Motorbike, Cyclist, Pedestrian };
+
 enum class Shape : std::uint8_t {
   Taper,      // x0 x1 y0 y1 z0 | X0 X1 Y0 Y1 z1: a box whose top differs from its bottom: cabins, roofs, boxes
   Cylinder,   // cx cy r z0 z1, upright
@@ -98,6 +101,7 @@ struct Object {
   float lo[3] = {}, hi[3] = {};
   float paint = 0.5F;  // albedo of CarPaint and Cloth
   Label label = Label::Other;
+  ObjectKind kind = ObjectKind::None;
 };
 // Fills in the bounds from the parts.
 void set_bounds(Object& object);

@@ -1,5 +1,7 @@
 #include "simulator/simulator.hpp"
 
+#include <algorithm>
+
 #include "base/error.hpp"
 #include "simulator/own_car.hpp"
 
@@ -102,11 +104,32 @@ void Simulator::skip(std::uint64_t count) {
 
 PoseFinder::PoseFinder(const SimulatorOptions& options) : options_(options), world_(make_world(options)) {}
 
+void PoseFinder::drive_to(std::int64_t t_ns) {
+  if (t_ns < last_ns_) world_ = make_world(options_);
+  last_ns_ = t_ns;
+}
+
+std::vector<RoadUser> PoseFinder::road_users(std::int64_t t_ns, double reach) {
+  const std::lock_guard lock(busy_);
+  drive_to(t_ns);
+  std::vector<const Object*> objects;
+  world_->gather(t_ns, reach, objects);
+  const V3 here = world_->pose(t_ns).at;
+  std::vector<RoadUser> found;
+  for (const Object* o : objects) {
+    if (o->kind == ObjectKind::None || length(V2{o->at.x - here.x, o->at.y - here.y}) > reach) continue;
+    RoadUser user{o->kind, o->id, o->at, o->c, o->s, o->vx, o->vy, {}, {}};
+    std::copy(o->lo, o->lo + 3, user.lo);
+    std::copy(o->hi, o->hi + 3, user.hi);
+    found.push_back(user);
+  }
+  return found;
+}
+
 void PoseFinder::at(const std::int64_t* t_ns, std::size_t count, double* out) {
   const std::lock_guard lock(busy_);
   for (std::size_t n = 0; n < count; ++n) {
-    if (t_ns[n] < last_ns_) world_ = make_world(options_);
-    last_ns_ = t_ns[n];
+    drive_to(t_ns[n]);
     const Pose p = world_->pose(t_ns[n]);
     const double at[3] = {p.at.x, p.at.y, p.at.z};
     for (std::size_t row = 0; row < 3; ++row) {

@@ -58,6 +58,16 @@ class Simulator {
   bool looked_ = false;
 };
 
+// A road user at a time: the box of its parts, in its own frame and in the world.
+struct RoadUser {
+  ObjectKind kind;
+  std::uint32_t id;
+  V3 at;                // origin of its own frame: its middle, on the ground
+  double c, s;          // heading
+  double vx, vy;        // m/s in the world
+  float lo[3], hi[3];   // of its parts, along its heading, to its left, and up
+};
+
 // The exact poses of a drive, without tracing beams: 0.1 ms for a second of the city.
 class PoseFinder {
  public:
@@ -65,8 +75,12 @@ class PoseFinder {
   // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0. A time before the last one drives again from
   // the start.
   void at(const std::int64_t* t_ns, std::size_t count, double* out);
+  // Road users within `reach` metres of the sensor at a time >= 0 since packet 0, standing ones included.
+  std::vector<RoadUser> road_users(std::int64_t t_ns, double reach);
 
  private:
+  void drive_to(std::int64_t t_ns);
+
   std::mutex busy_;
   SimulatorOptions options_;
   std::unique_ptr<World> world_;

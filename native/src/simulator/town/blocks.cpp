@@ -67,6 +67,7 @@ void BlockBuilder::put(const Place& place, const Model& model, Label label, std:
   o.id = static_cast<std::uint32_t>(mix(id));
   o.paint = paint;
   o.label = label;
+  o.kind = model.kind;
   set_bounds(o);
   block_->objects.push_back(o);
 }

@@ -85,6 +85,7 @@ class City final : public World {
     o.id = static_cast<std::uint32_t>(mix(d.id));
     o.paint = d.paint;
     o.label = Label::Vehicle;
+    o.kind = d.model->kind;
     set_bounds(o);
     moving_.push_back(o);
   }
@@ -127,6 +128,7 @@ class City final : public World {
       o.id = static_cast<std::uint32_t>(id);
       o.paint = static_cast<float>(0.08 + 0.5 * unit_of(mix(id ^ 5)));
       o.label = Label::Person;
+      o.kind = model.kind;
       set_bounds(o);
       moving_.push_back(o);
     }

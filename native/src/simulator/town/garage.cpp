@@ -112,6 +112,7 @@ class Garage final : public World {
         o.id = static_cast<std::uint32_t>(mix(id));
         o.paint = usual_paint(id);
         o.label = Label::Vehicle;
+        o.kind = car.kind;
         set_bounds(o);
         bay->objects.push_back(o);
       }
@@ -134,6 +135,7 @@ class Garage final : public World {
     car.id = static_cast<std::uint32_t>(mix(seed_));
     car.paint = usual_paint(seed_);
     car.label = Label::Vehicle;
+    car.kind = model.kind;
     set_bounds(car);
     moving_.push_back(car);
     for (std::int64_t n = floor_of(x / 23.0) - 2; n <= floor_of(x / 23.0) + 2; ++n) {
@@ -152,6 +154,7 @@ class Garage final : public World {
       o.id = static_cast<std::uint32_t>(id);
       o.paint = static_cast<float>(0.08 + 0.5 * unit_of(mix(id ^ 5)));
       o.label = Label::Person;
+      o.kind = walker.kind;
       set_bounds(o);
       moving_.push_back(o);
     }

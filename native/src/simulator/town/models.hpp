@@ -14,6 +14,7 @@ enum class Vehicle { Hatchback, Saloon, Estate, Offroad, Minivan, Van, Truck, Bu
 struct Model {
   Parts parts;
   double length = 0, width = 0, height = 0;
+  ObjectKind kind = ObjectKind::None;
 };
 
 // Shared models, made once: vehicles in a few sizes each, walkers in the phases of their gait.

@@ -171,6 +171,7 @@ class Plain final : public World {
       const std::uint64_t id = rng.next();
       s.add(x + 0.3 * rng.normal(), side * 4.4, models_.plain_car().parts, Label::Vehicle, id);
       s.objects.back().paint = usual_paint(id);
+      s.objects.back().kind = models_.plain_car().kind;
     }
   }
 
@@ -210,6 +211,7 @@ class Plain final : public World {
     o.id = static_cast<std::uint32_t>(mix(id));
     o.paint = usual_paint(mix(id));
     o.label = Label::Vehicle;
+    o.kind = car.kind;
     set_bounds(o);
     moving_.push_back(o);
   }

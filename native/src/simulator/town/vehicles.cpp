@@ -24,6 +24,7 @@ void add_plates(Parts& out, double nose, double tail) {
 Model car(double length, double width, double height, double bonnet, double boot, double rake, double tail_rake) {
   Model m;
   m.length = length, m.width = width, m.height = height;
+  m.kind = ObjectKind::Car;
   Parts& p = m.parts;
   const double x1 = length / 2, x0 = -x1, y = width / 2;
   const double waist = 0.5 + 0.28 * height, clear = 0.14 + 0.04 * height;
@@ -53,6 +54,7 @@ Model car(double length, double width, double height, double bonnet, double boot
 
 Model van(double length, double width, double height) {
   Model m;
+  m.kind = ObjectKind::Van;
   m.length = length, m.width = width, m.height = height;
   Parts& p = m.parts;
   const double x1 = length / 2, x0 = -x1, y = width / 2;
@@ -71,6 +73,7 @@ Model van(double length, double width, double height) {
 
 Model truck(double length, double width, double height) {
   Model m;
+  m.kind = ObjectKind::Truck;
   m.length = length, m.width = width, m.height = height;
   Parts& p = m.parts;
   const double x1 = length / 2, x0 = -x1, y = width / 2;
@@ -91,6 +94,7 @@ Model truck(double length, double width, double height) {
 
 Model bus(double length, double width, double height) {
   Model m;
+  m.kind = ObjectKind::Bus;
   m.length = length, m.width = width, m.height = height;
   Parts& p = m.parts;
   const double x1 = length / 2, x0 = -x1, y = width / 2;
@@ -122,6 +126,7 @@ void add_rider(Parts& p, double seat) {
 Model motorbike(double length) {
   Model m;
   m.length = length, m.width = 0.8, m.height = 1.55;
+  m.kind = ObjectKind::Motorbike;
   Parts& p = m.parts;
   p.push_back(wheel(M::Rubber, length / 2 - 0.3, 0.3, 0.3, -0.07, 0.07));
   p.push_back(wheel(M::Rubber, -length / 2 + 0.3, 0.3, 0.3, -0.09, 0.09));
@@ -135,6 +140,7 @@ Model motorbike(double length) {
 Model bicycle(double length) {
   Model m;
   m.length = length, m.width = 0.6, m.height = 1.75;
+  m.kind = ObjectKind::Cyclist;
   Parts& p = m.parts;
   p.push_back(wheel(M::Rubber, length / 2 - 0.34, 0.34, 0.34, -0.02, 0.02));
   p.push_back(wheel(M::Rubber, -length / 2 + 0.34, 0.34, 0.34, -0.02, 0.02));
@@ -147,6 +153,7 @@ Model bicycle(double length) {
 Model make_walker(double size, double girth, double swing, bool bag) {
   Model m;
   m.length = 0.6, m.width = 0.6, m.height = 1.78 * size;
+  m.kind = ObjectKind::Pedestrian;
   Parts& p = m.parts;
   const double hip = 0.85 * size, neck = 1.48 * size, step = 0.24 * swing * size;
   p.push_back(taper(M::Cloth, step - 0.08, step + 0.12, 0.03, 0.17, 0.0, -0.09, 0.09, 0.02, 0.18, hip));

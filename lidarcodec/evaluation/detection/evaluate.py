@@ -1,0 +1,198 @@
+"""What is left of labelled objects in decoded frames: one drive, every setting.
+
+read the drive -> boxes of each frame -> ground and clusters of the original frames -> for every setting: encode, decode,
+ground and clusters again -> scores, and their differences from the original ones
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import lidarcodec
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.evaluation.bench import effective
+from lidarcodec.evaluation.detection.boxes import Boxes, joined
+from lidarcodec.evaluation.detection.labels import Labels
+from lidarcodec.evaluation.detection.objects import Objects, objects_in
+from lidarcodec.evaluation.detection.scores import FEWEST_RETURNS, Tally, scores
+from lidarcodec.evaluation.detection.segments import Segments, ground_overlap, segments_of
+from lidarcodec.evaluation.detection.truth import boxes_of
+from lidarcodec.evaluation.localisation.coding import received
+from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.pipeline import frames_of
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.sources.drive import SimulatedDrive
+from lidarcodec.sources.posed import posed
+from lidarcodec.wire import pack
+
+TURN_S: Final = 0.1
+"""Time of a frame, where there is only one."""
+Result = dict[str, Any]
+Tick = Callable[[], None]
+NOTHING: Final = Segments(
+    np.zeros((0, 3), np.float32), np.zeros(0, np.intp), np.zeros(0, np.bool_), np.zeros(0, np.int32)
+)
+"""The parts of a frame that did not arrive."""
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """A frame with its boxes, and what was measured in it. counted: (N,) which boxes are counted"""
+
+    frame: Frame
+    boxes: Boxes
+    parts: Segments
+    objects: Objects
+    counted: Any
+
+
+@dataclass
+class _Sent:
+    """Bytes and returns of the frames that arrived."""
+
+    bytes: int = 0
+    points: int = 0
+    tallies: dict[int, tuple[Objects, tuple[int, int]]] = field(default_factory=dict)
+
+
+class Detection:
+    """One drive with its boxes. It needs 3 MB of memory for each frame.
+
+    labels: boxes by the number of their frame; None for a simulated drive, whose boxes are known
+    first_label: number of the labels of the source's first frame; tick: called after each frame, can be changed
+    Raises SourceError if the source cannot be used, or has no labelled frame, SettingsError if labels are missing.
+    """
+
+    def __init__(
+        self,
+        spec: str | Path,
+        labels: Labels | None,
+        *,
+        first_label: int = 0,
+        frames: int | None = None,
+        skip: int = 0,
+        calibration: Path | None = None,
+        poses: Path | None = None,
+        seed: int = 1,
+        tick: Tick = lambda: None,
+    ) -> None:
+        self.name, self._seed, self.tick = str(spec), seed, tick
+        self._labels = "labels" if labels is not None else "simulated"
+        self.frames: list[Labelled] = []
+        with open_source(spec, calibration=calibration, poses=poses) as source:
+            if labels is None and not isinstance(source, SimulatedDrive):
+                raise SettingsError(f"{spec} has no labels: give them with --labels FILE", "labels")
+            numbered = enumerate(frames_of(source.packets(), source.sensor, "revolution"), first_label)
+            for number, frame in islice(numbered, skip, None if frames is None else skip + frames):
+                if isinstance(source, SimulatedDrive) and labels is None:
+                    boxes = boxes_of(source, frame.cloud())
+                else:
+                    boxes = (labels or {}).get(number, joined(()))
+                self.frames.append(_labelled(posed(frame, source.poses if poses else None), boxes))
+                tick()
+        if not any(len(one.boxes) for one in self.frames):
+            raise SourceError(f"{spec} has no frame with a label: see --first-label")
+        self._tally = Tally()
+        for one in self.frames:
+            self._tally.add(one.boxes, one.objects, one.counted, ground_overlap(one.parts, one.parts))
+
+    def original(self) -> Result:
+        """Scores of the original frames."""
+        points = sum(one.frame.points for one in self.frames)
+        return {
+            "source": self.name,
+            "codec": "original",
+            "settings": {},
+            **self._about(len(self.frames), points, None),
+            **scores(self._tally, self._tally, self._seed),
+        }
+
+    def setting(self, settings: StreamSettings) -> Result:
+        """Scores of the frames as they come back, coded with these settings.
+
+        Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
+        """
+        sent = _Sent()
+
+        def show(at: int, frame: Frame) -> None:
+            self._measure(sent, at, frame)
+
+        coded = received([one.frame for one in self.frames], settings, (), tick=self.tick, show=show)
+        sent.bytes = sum(coded.sizes)
+        return {
+            "source": self.name,
+            "codec": settings.codec,
+            "settings": effective(settings),
+            **self._result(sent),
+        }
+
+    def recording(self, path: Path) -> Result:
+        """Scores of the frames in a recording of this drive.
+
+        Raises SourceError if it has no frame of this drive, or cannot be read.
+        """
+        recorded, sent = RecordedFrames(path), _Sent()
+        known = recorded.settings()
+        places = {one.frame.stamp_ns: at for at, one in enumerate(self.frames)}
+        message: Message | None = None
+        for frame in recorded:
+            if recorded.message is not None and recorded.message is not message:
+                message = recorded.message
+                sent.bytes += len(pack(message))
+            at = places.pop(frame.stamp_ns, None)
+            if at is not None:
+                self._measure(sent, at, frame)
+                self.tick()
+        if not sent.tallies:
+            raise SourceError(f"{path} has no frame with the time of one of {self.name}")
+        return {
+            "source": self.name,
+            "recording": str(path),
+            "codec": "recording" if known is None else known.codec,
+            "settings": {} if known is None else effective(known),
+            "failed": sum(recorded.failed.values()),
+            **self._result(sent),
+        }
+
+    def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
+        one, parts = self.frames[at], segments_of(frame)
+        sent.points += len(parts.points)
+        sent.tallies[at] = objects_in(one.boxes, parts), ground_overlap(one.parts, parts)
+
+    def _result(self, sent: _Sent) -> Result:
+        tally = Tally()
+        for at, one in enumerate(self.frames):
+            nothing = objects_in(one.boxes, NOTHING), (0, 0)
+            objects, ground = sent.tallies.get(at, nothing)
+            tally.add(one.boxes, objects, one.counted, ground)
+        return self._about(len(sent.tallies), sent.points, sent.bytes) | scores(tally, self._tally, self._seed)
+
+    def _about(self, arrived: int, points: int, size: int | None) -> Result:
+        frames = len(self.frames)
+        stamps = np.diff([one.frame.stamp_ns for one in self.frames])
+        turn_s = float(np.median(stamps)) * 1e-9 if frames > 1 else TURN_S
+        return {
+            "labels": self._labels,
+            "frames": frames,
+            "frames_left_out": frames - arrived,
+            "fewest_returns": FEWEST_RETURNS,
+            "points_per_frame": round(points / frames, 1),
+            "bytes_per_frame": None if size is None else round(size / frames, 1),
+            "kbps": None if size is None else round(size / frames * 8 / turn_s / 1000, 1),
+            "version": lidarcodec.__version__,
+        }
+
+
+def _labelled(frame: Frame, boxes: Boxes) -> Labelled:
+    parts = segments_of(frame)
+    objects = objects_in(boxes, parts)
+    return Labelled(frame, boxes, parts, objects, objects.returns >= FEWEST_RETURNS)
