@@ -101,23 +101,26 @@ class Detection:
                 tick()
         if not any(len(one.boxes) for one in self.frames):
             raise SourceError(f"{spec} has no frame with a label: see --first-label")
-        self._tally = Tally()
+        self.tally = Tally()
         for one in self.frames:
-            self._tally.add(one.boxes, one.objects, one.counted, ground_overlap(one.parts, one.parts))
+            self.tally.add(one.boxes, one.objects, one.counted, ground_overlap(one.parts, one.parts))
 
     def original(self) -> Result:
         """Scores of the original frames."""
         points = sum(one.frame.points for one in self.frames)
-        return {
-            "source": self.name,
-            "codec": "original",
-            "settings": {},
-            **self._about(len(self.frames), points, None),
-            **scores(self._tally, self._tally, self._seed),
-        }
+        about = {"source": self.name, "codec": "original", "settings": {}}
+        return about | self._about(len(self.frames), points, None) | scores(self.tally, self.tally, self._seed)
 
     def setting(self, settings: StreamSettings) -> Result:
         """Scores of the frames as they come back, coded with these settings.
+
+        Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
+        """
+        about, tally = self.measured(settings)
+        return about | scores(tally, self.tally, self._seed)
+
+    def measured(self, settings: StreamSettings) -> tuple[Result, Tally]:
+        """What `setting` says about codec and bitrate, and what was measured in each frame.
 
         Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
         """
@@ -128,12 +131,8 @@ class Detection:
 
         coded = received([one.frame for one in self.frames], settings, (), tick=self.tick, show=show)
         sent.bytes = sum(coded.sizes)
-        return {
-            "source": self.name,
-            "codec": settings.codec,
-            "settings": effective(settings),
-            **self._result(sent),
-        }
+        about = {"source": self.name, "codec": settings.codec, "settings": effective(settings)}
+        return about | self._about(len(sent.tallies), sent.points, sent.bytes), self._tally_of(sent)
 
     def recording(self, path: Path) -> Result:
         """Scores of the frames in a recording of this drive.
@@ -154,27 +153,28 @@ class Detection:
                 self.tick()
         if not sent.tallies:
             raise SourceError(f"{path} has no frame with the time of one of {self.name}")
-        return {
+        about = {
             "source": self.name,
             "recording": str(path),
             "codec": "recording" if known is None else known.codec,
             "settings": {} if known is None else effective(known),
             "failed": sum(recorded.failed.values()),
-            **self._result(sent),
         }
+        sizes = self._about(len(sent.tallies), sent.points, sent.bytes)
+        return about | sizes | scores(self._tally_of(sent), self.tally, self._seed)
 
     def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
         one, parts = self.frames[at], segments_of(frame)
         sent.points += len(parts.points)
         sent.tallies[at] = objects_in(one.boxes, parts), ground_overlap(one.parts, parts)
 
-    def _result(self, sent: _Sent) -> Result:
+    def _tally_of(self, sent: _Sent) -> Tally:
         tally = Tally()
         for at, one in enumerate(self.frames):
             nothing = objects_in(one.boxes, NOTHING), (0, 0)
             objects, ground = sent.tallies.get(at, nothing)
             tally.add(one.boxes, objects, one.counted, ground)
-        return self._about(len(sent.tallies), sent.points, sent.bytes) | scores(tally, self._tally, self._seed)
+        return tally
 
     def _about(self, arrived: int, points: int, size: int | None) -> Result:
         frames = len(self.frames)

@@ -19,6 +19,8 @@ MARGIN_M: Final = 0.1
 """By which a box is enlarged: boxes are labelled to some centimetres."""
 SKIRT_M: Final = 0.25
 FOUND: Final = 0.5
+EDGES: Final = (2.0, 98.0)
+"""Percentiles between which the size of a cluster is measured, so that a single return beside it does not count."""
 Numbers = npt.NDArray[np.float64]
 
 
@@ -66,5 +68,6 @@ def objects_in(boxes: Boxes, parts: Segments) -> Objects:
         best = int(np.argmax(overlap))
         found.overlap[at] = overlap[best]
         whole = boxes.within(at, parts.points[parts.clusters == names[best]])
-        found.size[at] = np.ptp(whole, axis=0)
+        low, high = np.percentile(whole, EDGES, axis=0)
+        found.size[at] = high - low
     return found

@@ -48,7 +48,7 @@ def percent(share: float | None) -> str:
 def difference(score: Result, name: str, factor: float) -> str:
     """A difference from the original with its error, or a dash. factor: of the unit"""
     apart, error = score[f"{name}_difference"], score[f"{name}_difference_error"]
-    if apart is None:
+    if apart is None or score.get("codec") == "original":
         return "-"
     return f"{factor * apart:+.1f}" + ("" if error is None else f" +- {factor * error:.1f}")
 

@@ -10,7 +10,8 @@ namespace {
 constexpr float kPi = 3.14159265F;
 constexpr float kSteep = 0.17632698F;  // tangent of 10 degrees, as in the paper
 constexpr float kCloseM = 0.3F;        // so near by, noise of the ranges says more than the angle
-constexpr float kApartM = 0.8F;        // farther apart, nothing is one object
+constexpr float kApartM = 0.6F;  // farther apart nothing is one object; more for each metre of range
+constexpr float kApartShare = 0.015F;
 constexpr std::size_t kRowsBelow = 4;
 
 struct Return {
@@ -34,16 +35,19 @@ class Forest {
   std::vector<std::uint32_t> parent_;
 };
 
+float most_apart(float range) { return kApartM + kApartShare * range; }
+
 // Whether two points lie on one object. With the ranges d >= e and the angle alpha between the beams, the line between
 // the points makes the angle beta with the farther beam: tan beta = e sin alpha / (d - e cos alpha).
 bool together(const float* p, const float* q) {
   const float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
   const float apart = x * x + y * y + z * z;
   if (apart <= kCloseM * kCloseM) return true;
-  if (apart > kApartM * kApartM) return false;
   const float across[3] = {p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]};
   const float dot = p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
   const float far = std::max(p[0] * p[0] + p[1] * p[1] + p[2] * p[2], q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+  const float apart_most = most_apart(std::sqrt(far));
+  if (apart > apart_most * apart_most) return false;
   const float area = std::sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
   return area > kSteep * (far - dot);
 }
@@ -76,7 +80,8 @@ std::vector<std::int32_t> clusters_of(const float* points, const std::uint16_t* 
     for (const Return& one : here) {
       if (ground[one.point]) continue;
       const float* p = points + 3 * std::size_t{one.point};
-      const float reach = kApartM / std::max(std::sqrt(p[0] * p[0] + p[1] * p[1]), kApartM);  // as an angle
+      const float range = std::sqrt(p[0] * p[0] + p[1] * p[1]);
+      const float reach = most_apart(range) / std::max(range, kApartM);  // as an angle
       for (std::size_t below = 0; below < kRowsBelow && row + 1 + below < image.size(); ++below) {
         const auto& there = image[row + 1 + below];
         if (there.empty()) continue;
