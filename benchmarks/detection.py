@@ -125,7 +125,9 @@ def row_of(name: str, kbps: float | None, tally: Tally, original: Tally) -> list
     cells = [name, "-" if kbps is None else f"{kbps:,.0f}", percent(score["found"])]
     cells += [difference(score, "found", 100), percent(score["returns"]), difference(score, "size_error", 1000)]
     cells += [percent(score["ground_iou"])]
-    cells += [difference(kinds[kind], "found", 100) for kind in ("car", "van", "cyclist", "pedestrian") if kind in kinds]
+    cells += [
+        difference(kinds[kind], "found", 100) for kind in ("car", "van", "cyclist", "pedestrian") if kind in kinds
+    ]
     return cells + [difference(distances[band], "found", 100) for band in distances]
 
 

@@ -1,7 +1,6 @@
 """Types of the native core, by tools/native_stub.py; the docstring of each function is in native/bindings."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, overload
 
 import numpy
 from numpy.typing import NDArray
@@ -538,7 +537,6 @@ def pick_cells(
 def deskewed(
     xyz: NDArray[numpy.int32], cells: NDArray[numpy.uint32], moved: NDArray[numpy.float32]
 ) -> NDArray[numpy.float32]: ...
-@overload
 def ground_of(
     xyz: NDArray[numpy.float32],
     cells: NDArray[numpy.uint32],
@@ -546,8 +544,6 @@ def ground_of(
     fired: NDArray[numpy.uint8],
     rows: NDArray[numpy.int32],
 ) -> NDArray[numpy.uint8]: ...
-@overload
-def ground_of(points: NDArray[numpy.float32]) -> NDArray[numpy.uint8]: ...
 def unseen(
     xyz: NDArray[numpy.float32],
     ground: NDArray[numpy.uint8],
@@ -574,6 +570,7 @@ def greedy_cover(
     spread: float,
     most: int,
 ) -> NDArray[numpy.int32]: ...
-def clusters_of(
+def ground_points(points: NDArray[numpy.float32]) -> NDArray[numpy.uint8]: ...
+def cluster_points(
     points: NDArray[numpy.float32], rows: NDArray[numpy.uint16], ground: NDArray[numpy.uint8]
 ) -> NDArray[numpy.int32]: ...

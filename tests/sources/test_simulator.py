@@ -275,3 +275,37 @@ def test_the_drive_is_the_same_however_it_is_cut():
     whole = hashlib.sha256(b"".join(payloads(SimulatorSource("city", seed=8), 116))).hexdigest()
     data, _, _ = SimulatorSource("city", seed=8).truth(116)
     assert hashlib.sha256(data.tobytes()).hexdigest() == whole
+
+
+def test_vehicles_and_people_lie_in_the_boxes_of_road_users() -> None:
+    """Of a short piece of a turn, in which nothing moves far."""
+    source = SimulatorSource("city", 4, skip=40)
+    data, distance_m, labels = source.truth(40)
+    ranges, _, azimuth = planes(data)
+    there = points(source.sensor, np.where(distance_m > 0, ranges, 0), azimuth)
+    stamp_ns = source.start_ns + 20 * PACKET_NS
+    pose = source.poses([stamp_ns])[0]
+    world = there @ pose[:3, :3].T + pose[:3, 3]
+    inside = np.zeros(labels.shape, bool)
+    for user in source.road_users(stamp_ns):
+        c, s = np.cos(user["yaw_rad"]), np.sin(user["yaw_rad"])
+        x, y, z = (world[..., axis] - user[name] for axis, name in enumerate("xyz"))
+        along = np.stack((c * x + s * y, c * y - s * x, z), axis=-1)
+        half = np.array([user["length_m"], user["width_m"], user["height_m"]]) / 2 + 0.25
+        inside |= np.all(np.abs(along) < half, axis=-1)
+    used = np.isin(labels, [LABELS.index("vehicle"), LABELS.index("person")]) & (ranges > 0) & (distance_m > 3)
+    used &= distance_m < 75
+    assert np.count_nonzero(used) > 300
+    assert np.count_nonzero(used & inside) > 0.97 * np.count_nonzero(used)
+
+
+def test_road_users_are_the_same_for_every_order_of_times() -> None:
+    source = SimulatorSource("motorway", 1)
+    late, early = source.road_users(source.start_ns + 10**9), source.road_users(source.start_ns)
+    again = SimulatorSource("motorway", 1).road_users(source.start_ns)
+    assert np.array_equal(early, again)
+    assert len(early) > 4
+    assert set(early["id"]) & set(late["id"])
+    for stamp_ns, reach_m in ((source.start_ns - 10**10, 80.0), (source.start_ns, 0.0), (source.start_ns, 1e3)):
+        with pytest.raises(SourceError):
+            source.road_users(stamp_ns, reach_m)

@@ -138,9 +138,7 @@ def detection(
     ] = None,
     recordings: Annotated[
         list[Path] | None,
-        Option(
-            "--recording", metavar="FILE", help="Measure the frames of this recording of SOURCE, too. Repeatable."
-        ),
+        Option("--recording", metavar="FILE", help="Measure the frames of this recording of SOURCE, too. Repeatable."),
     ] = None,
     labels: Annotated[
         Path | None,

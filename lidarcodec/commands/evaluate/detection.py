@@ -17,6 +17,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.detection.evaluate import Detection, Result
 from lidarcodec.evaluation.detection.labels import read_labels
 from lidarcodec.evaluation.detection.report import text_tables
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.pipeline import check_offline
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.spec import parse
@@ -45,6 +46,8 @@ def run(
     if labels is None and (camera is not None or first_label):
         raise SettingsError("--camera and --first-label belong to --labels FILE", "labels")
     settings = _settings(codecs, pairs, recordings)
+    for path in recordings:  # one that cannot be read is told before anything is measured
+        RecordedFrames(path)
     known = None if labels is None else read_labels(labels, camera)
     results: list[dict[str, Any]] = []
     wanted = 1 + len(settings) + len(recordings)

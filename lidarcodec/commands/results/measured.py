@@ -36,8 +36,8 @@ class Benched(TypedDict):
 
 
 class Detected(TypedDict):
-    """One setting of `evaluate detection`; the first object has the frames as they were read. Errors are standard errors
-    by bootstrap over objects. A value is null where nothing was there to be measured."""
+    """One setting of `evaluate detection`; the first object has the frames as they were read. Errors are
+    standard errors by bootstrap over objects. A value is null where nothing was there to be measured."""
 
     source: Annotated[str, "the drive"]
     recording: NotRequired[Annotated[str, "the recording whose frames were measured"]]

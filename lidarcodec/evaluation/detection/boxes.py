@@ -1,9 +1,8 @@
 """Boxes around objects, in the frame of the sensor.
 
 >>> boxes = upright(["car"], [7], np.array([[10.0, 0.0, -1.0]]), np.array([[4.0, 2.0, 1.5]]), np.array([0.0]))
->>> boxes.within(0, np.array([[11.9, 0.9, -1.0], [12.1, 0.0, -1.0]]))
-array([[ 1.9,  0.9,  0. ],
-       [ 2.1,  0. ,  0. ]])
+>>> boxes.within(0, np.array([[11.9, 0.9, -1.0], [12.1, 0.0, -1.0]])).round(6).tolist()
+[[1.9, 0.9, 0.0], [2.1, 0.0, 0.0]]
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What is left of labelled objects in decoded frames: one drive, every setting.
 
-read the drive -> boxes of each frame -> ground and clusters of the original frames -> for every setting: encode, decode,
-ground and clusters again -> scores, and their differences from the original ones
+read the drive -> boxes of each frame -> ground and clusters of the original frames -> for every setting: encode,
+decode, ground and clusters again -> scores, and their differences from the original ones
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 import lidarcodec
 from lidarcodec.errors import SettingsError, SourceError
@@ -21,7 +22,7 @@ from lidarcodec.evaluation.detection.boxes import Boxes, joined
 from lidarcodec.evaluation.detection.labels import Labels
 from lidarcodec.evaluation.detection.objects import Objects, objects_in
 from lidarcodec.evaluation.detection.scores import FEWEST_RETURNS, Tally, scores
-from lidarcodec.evaluation.detection.segments import Segments, ground_overlap, segments_of
+from lidarcodec.evaluation.detection.segments import Segments, Surfaces, ground_overlap, segments_of, surfaces_of
 from lidarcodec.evaluation.detection.truth import boxes_of
 from lidarcodec.evaluation.localisation.coding import received
 from lidarcodec.evaluation.recorded import RecordedFrames
@@ -50,9 +51,9 @@ class Labelled:
 
     frame: Frame
     boxes: Boxes
-    parts: Segments
+    surfaces: Surfaces
     objects: Objects
-    counted: Any
+    counted: npt.NDArray[np.bool_]
 
 
 @dataclass
@@ -65,7 +66,7 @@ class _Sent:
 
 
 class Detection:
-    """One drive with its boxes. It needs 3 MB of memory for each frame.
+    """One drive with its boxes. It needs 1 MB of memory for each frame.
 
     labels: boxes by the number of their frame; None for a simulated drive, whose boxes are known
     first_label: number of the labels of the source's first frame; tick: called after each frame, can be changed
@@ -103,7 +104,8 @@ class Detection:
             raise SourceError(f"{spec} has no frame with a label: see --first-label")
         self.tally = Tally()
         for one in self.frames:
-            self.tally.add(one.boxes, one.objects, one.counted, ground_overlap(one.parts, one.parts))
+            ground = int(np.count_nonzero(one.surfaces == 2))
+            self.tally.add(one.boxes, one.objects, one.counted, (ground, ground))
 
     def original(self) -> Result:
         """Scores of the original frames."""
@@ -166,7 +168,7 @@ class Detection:
     def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
         one, parts = self.frames[at], segments_of(frame)
         sent.points += len(parts.points)
-        sent.tallies[at] = objects_in(one.boxes, parts), ground_overlap(one.parts, parts)
+        sent.tallies[at] = objects_in(one.boxes, parts), ground_overlap(one.surfaces, parts)
 
     def _tally_of(self, sent: _Sent) -> Tally:
         tally = Tally()
@@ -195,4 +197,4 @@ class Detection:
 def _labelled(frame: Frame, boxes: Boxes) -> Labelled:
     parts = segments_of(frame)
     objects = objects_in(boxes, parts)
-    return Labelled(frame, boxes, parts, objects, objects.returns >= FEWEST_RETURNS)
+    return Labelled(frame, boxes, surfaces_of(parts), objects, objects.returns >= FEWEST_RETURNS)

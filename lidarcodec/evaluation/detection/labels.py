@@ -2,9 +2,9 @@
 
 `label_02/NNNN.txt` of the tracking benchmark has a line for each object: frame, track, kind, truncation, occlusion,
 angle, four numbers of the image, height, width, length, the place of its lower side's middle in the rectified camera,
-and its turn about the camera's y. It needs the file of the camera's calibration, `calib/NNNN.txt`. `tracklet_labels.xml`
-of the raw drives is in the frame of the sensor. Both are described in KITTI's development kits (Geiger et al. 2013).
-Only what the camera sees is labelled.
+and its turn about the camera's y. It needs the file of the camera's calibration, `calib/NNNN.txt`.
+`tracklet_labels.xml` of the raw drives is in the frame of the sensor. Both are described in KITTI's
+development kits (Geiger et al. 2013). Only what the camera sees is labelled.
 """
 
 from __future__ import annotations
@@ -44,13 +44,14 @@ def read_labels(path: Path, camera: Path | None = None) -> Labels:
     camera: calibration of the camera, for labels in a text file
     Raises SourceError for a file that cannot be read, SettingsError for a missing calibration.
     """
+    data = _read(path)
     if path.suffix.lower() == ".xml":
-        return _tracklets(_read(path), path)
+        return _tracklets(data, path)
     if camera is None:
         raise SettingsError(
             f"{path} has labels in the frame of a camera: give its calibration with --camera FILE", "camera"
         )
-    return _tracking(_text(path), path, _camera_to_sensor(_text(camera), camera))
+    return _tracking(_text(data), path, _camera_to_sensor(_text(_read(camera)), camera))
 
 
 def _read(path: Path) -> bytes:
@@ -64,8 +65,8 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _text(path: Path) -> str:
-    return _read(path).decode("utf-8", "replace")
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace")
 
 
 def _camera_to_sensor(text: str, path: Path) -> Matrix:

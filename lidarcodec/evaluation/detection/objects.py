@@ -1,7 +1,7 @@
 """What is left of each labelled object in a frame.
 
-An object is found if one cluster and the returns in its box have an intersection over union of more than 0.5. Returns in
-the lowest quarter of a metre of a box count for neither: they may lie on the road.
+An object is found if one cluster and the returns in its box have an intersection over union of more than 0.5. Returns
+in the lowest quarter of a metre of a box count for neither: they may lie on the road.
 """
 
 from __future__ import annotations
@@ -50,9 +50,7 @@ def objects_in(boxes: Boxes, parts: Segments) -> Objects:
     x, y = parts.points[:, 0], parts.points[:, 1]
     for at in range(number):
         reach = float(np.linalg.norm(boxes.size[at])) / 2 + MARGIN_M
-        near = np.flatnonzero(
-            (np.abs(x - boxes.middle[at, 0]) < reach) & (np.abs(y - boxes.middle[at, 1]) < reach)
-        )
+        near = np.flatnonzero((np.abs(x - boxes.middle[at, 0]) < reach) & (np.abs(y - boxes.middle[at, 1]) < reach))
         inside = boxes.within(at, parts.points[near])
         half = boxes.size[at] / 2
         held = np.all(np.abs(inside) <= half + MARGIN_M, axis=1)

@@ -9,10 +9,11 @@ from lidarcodec.evaluation.report import aligned, number
 from lidarcodec.evaluation.report import label as codec_label
 
 Result = dict[str, Any]
-EXPLAINED = """found = labelled objects that are one cluster, with an intersection over union above 0.5; d = percentage points
-more than in the original frames, +- one standard error by bootstrap over objects; returns = left in the boxes; size mm =
-mean error of a cluster's length, width and height, d against the original frames; ground = intersection over union of
-the returns on the ground with those of the original frames"""
+EXPLAINED = """\
+found = labelled objects that are one cluster, with an intersection over union above 0.5; d found = percentage points
+more than in the original frames, +- one standard error by bootstrap over objects; returns = left in the boxes; size =
+mean error of a cluster's length, width and height; d size = how much larger it is than in the original frames; ground =
+intersection over union of the returns on the ground with those of the original frames"""
 
 
 def text_tables(results: Sequence[Result]) -> str:

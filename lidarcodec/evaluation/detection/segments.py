@@ -24,7 +24,8 @@ from lidarcodec.frame import Frame
 class Segments:
     """The N measured returns of a frame.
 
-    points: (N, 3) float32, metres in the sensor's frame; cells: (N,) place of each return in the image, column by column
+    points: (N, 3) float32, metres in the sensor's frame; cells: (N,) place of each return in the image, column by
+    column
     ground: (N,) bool; clusters: (N,) int32, number of the object that a return belongs to, -1 on the ground
     """
 
@@ -52,16 +53,26 @@ def segments_of(frame: Frame) -> Segments:
     if len(cells) != len(cloud):
         raise SourceError(f"evaluate detection needs range images, and a {frame.sensor.name} has none")
     points = np.ascontiguousarray(np.stack([cloud[name] for name in "xyz"], axis=-1), np.float32)
-    ground = _native.ground_of(points)
-    clusters = _native.clusters_of(points, cloud["ring"].astype(np.uint16), ground)
+    ground = _native.ground_points(points)
+    clusters = _native.cluster_points(points, cloud["ring"].astype(np.uint16), ground)
     return Segments(points, cells, ground.view(np.bool_), clusters)
 
 
-def ground_overlap(original: Segments, decoded: Segments) -> tuple[int, int]:
+Surfaces = npt.NDArray[np.int8]
+"""(C,) of each cell of an image: 0 = no return, 1 = a return above the ground, 2 = one on the ground."""
+
+
+def surfaces_of(parts: Segments) -> Surfaces:
+    """What each cell of the frame's image holds; cells behind the last return are left out."""
+    surfaces = np.zeros(parts.cells.max(initial=-1) + 1, np.int8)
+    surfaces[parts.cells] = 1 + parts.ground
+    return surfaces
+
+
+def ground_overlap(original: Surfaces, decoded: Segments) -> tuple[int, int]:
     """How many returns lie on the ground in both frames, and how many in at least one of them. Only returns that both
     have are counted."""
-    known = np.zeros(max(one.cells.max(initial=-1) for one in (original, decoded)) + 1, np.int8)
-    known[original.cells] = 1 + original.ground
-    there = known[decoded.cells]
-    one, other = there[there > 0] == 2, decoded.ground[there > 0]
+    known = decoded.cells < len(original)
+    there = original[decoded.cells[known]]
+    one, other = there[there > 0] == 2, decoded.ground[known][there > 0]
     return int(np.count_nonzero(one & other)), int(np.count_nonzero(one | other))

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.evaluation.detection.boxes import Boxes, joined, upright
+from lidarcodec.evaluation.detection.boxes import Boxes, joined
 from lidarcodec.evaluation.rigid import Matrix, invert
 from lidarcodec.sources.drive import ROAD_USERS, SimulatedDrive
 
@@ -40,7 +40,9 @@ def boxes_of(drive: SimulatedDrive, cloud: npt.NDArray[np.void]) -> Boxes:
 
     def seen(times_ns: npt.NDArray[np.float64]) -> tuple[Matrix, Matrix]:
         """Middles (N, 3) as seen at a time (N,) each, and T_sensor_world (N, 4, 4)."""
-        at = np.clip((times_ns - moments[0]) / max(float(moments[-1] - moments[0]), 1.0) * (MOMENTS - 1), 0, MOMENTS - 1)
+        at = np.clip(
+            (times_ns - moments[0]) / max(float(moments[-1] - moments[0]), 1.0) * (MOMENTS - 1), 0, MOMENTS - 1
+        )
         low = np.minimum(at.astype(np.intp), MOMENTS - 2)
         share = (at - low)[:, None, None]
         pose = into_sensor[low] * (1 - share) + into_sensor[low + 1] * share
@@ -85,5 +87,7 @@ def _times_by_direction(cloud: npt.NDArray[np.void]) -> tuple[npt.NDArray[np.flo
     np.minimum.at(first, toward, times)
     np.maximum.at(last, toward, times)
     seen = np.flatnonzero(last >= first)
-    nearest = seen[np.abs((np.arange(DIRECTIONS)[:, None] - seen + DIRECTIONS // 2) % DIRECTIONS - DIRECTIONS // 2).argmin(1)]
+    nearest = seen[
+        np.abs((np.arange(DIRECTIONS)[:, None] - seen + DIRECTIONS // 2) % DIRECTIONS - DIRECTIONS // 2).argmin(1)
+    ]
     return first[nearest].astype(np.float64), last[nearest].astype(np.float64)

@@ -77,8 +77,8 @@ def received(
 ) -> Received:
     """Encode and decode frames one after the other, and return those with a position in `wanted`.
 
-    choose: selects the returns to send, instead of the reducer of the settings; show: called with each decoded frame and
-    its position, but not for frames that were skipped
+    choose: selects the returns to send, instead of the reducer of the settings; show: called with each decoded frame
+    and its position, but not for frames that were skipped
     Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
     """
     encoder, decoder, found = StreamEncoder(settings), StreamDecoder(), Received()

@@ -22,19 +22,19 @@ void check(const In<float, 2>& points) {
 
 void bind_segments(nb::module_& m) {
   m.def(
-      "ground_of",
+      "ground_points",
       [](In<float, 2> points) -> Array<std::uint8_t> {
         check(points);
         std::vector<std::uint8_t> ground;
         {
           nb::gil_scoped_release release;
-          ground = lidarcodec::ground_of(points.data(), points.shape(0));
+          ground = lidarcodec::ground_points(points.data(), points.shape(0));
         }
         return give(std::move(ground), {points.shape(0)});
       },
       nb::arg("points").noconvert(), "Which points, float32 (N, 3) in metres, lie on the ground: uint8 (N,), 0 or 1.");
   m.def(
-      "clusters_of",
+      "cluster_points",
       [](In<float, 2> points, In<std::uint16_t, 1> rows, In<std::uint8_t, 1> ground) -> Array<std::int32_t> {
         check(points);
         const std::size_t n = points.shape(0);
@@ -45,7 +45,7 @@ void bind_segments(nb::module_& m) {
         std::vector<std::int32_t> numbers;
         {
           nb::gil_scoped_release release;
-          numbers = lidarcodec::clusters_of(points.data(), rows.data(), ground.data(), n);
+          numbers = lidarcodec::cluster_points(points.data(), rows.data(), ground.data(), n);
         }
         return give(std::move(numbers), {n});
       },

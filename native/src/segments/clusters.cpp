@@ -10,7 +10,7 @@ namespace {
 constexpr float kPi = 3.14159265F;
 constexpr float kSteep = 0.17632698F;  // tangent of 10 degrees, as in the paper
 constexpr float kCloseM = 0.3F;        // so near by, noise of the ranges says more than the angle
-constexpr float kApartM = 0.6F;  // farther apart nothing is one object; more for each metre of range
+constexpr float kApartM = 0.6F;        // farther apart nothing is one object; more for each metre of range
 constexpr float kApartShare = 0.015F;
 constexpr std::size_t kRowsBelow = 4;
 
@@ -54,8 +54,8 @@ bool together(const float* p, const float* q) {
 
 }  // namespace
 
-std::vector<std::int32_t> clusters_of(const float* points, const std::uint16_t* rows, const std::uint8_t* ground,
-                                      std::size_t count) {
+std::vector<std::int32_t> cluster_points(const float* points, const std::uint16_t* rows, const std::uint8_t* ground,
+                                         std::size_t count) {
   std::vector<std::vector<Return>> image;
   for (std::size_t n = 0; n < count; ++n) {
     const std::size_t row = rows[n];

@@ -11,14 +11,14 @@ constexpr float kPi = 3.14159265F;
 constexpr int kSectors = 180;
 constexpr float kNearM = 2.0F, kFarM = 120.0F;  // nearer returns are on the vehicle itself
 constexpr float kGroundM = 0.2F;
-constexpr float kStepM = 0.12F;         // a kerb, or an uneven road, between two bins
-constexpr float kSlope = 0.1F;          // by which a prediction may be off per metre
-constexpr float kMostStepM = 0.35F;     // less than the height of bumpers over the ground
-constexpr float kSteepest = 0.15F;      // of the ground that is predicted
-constexpr float kSlopeM = 5.0F;         // way over which the slope is measured
-constexpr float kFirstM = 12.0F;        // up to here the height of the sensor is measured
+constexpr float kStepM = 0.12F;      // a kerb, or an uneven road, between two bins
+constexpr float kSlope = 0.1F;       // by which a prediction may be off per metre
+constexpr float kMostStepM = 0.35F;  // less than the height of bumpers over the ground
+constexpr float kSteepest = 0.15F;   // of the ground that is predicted
+constexpr float kSlopeM = 5.0F;      // way over which the slope is measured
+constexpr float kFirstM = 12.0F;     // up to here the height of the sensor is measured
 constexpr float kHeightStepM = 0.05F, kLowestM = -6.0F;
-constexpr std::size_t kHeights = 160;   // 8 m from kLowestM upwards
+constexpr std::size_t kHeights = 160;  // 8 m from kLowestM upwards
 constexpr float kNothing = 1e9F;
 
 // Bins are 0.5 m wide up to 20 m, then 1 m up to 60 m, then 2 m.
@@ -98,7 +98,7 @@ void follow(const Low* lows, float level, float* heights) {
 
 }  // namespace
 
-std::vector<std::uint8_t> ground_of(const float* points, std::size_t count) {
+std::vector<std::uint8_t> ground_points(const float* points, std::size_t count) {
   std::vector<Cell> cells(count);
   std::vector<Low> lows(static_cast<std::size_t>(kSectors * kBins));
   for (std::size_t n = 0; n < count; ++n) {

@@ -1,4 +1,4 @@
-// Which returns lie on the ground.
+// Which returns lie on the ground, for points of any sensor in any order.
 //
 // After Himmelsbach, von Hundelshausen and Wuensche, "Fast segmentation of 3D point clouds for ground vehicles" (IV
 // 2010): the plane is divided into sectors and these into bins. The lowest return of each bin stands for it. Outwards
@@ -12,6 +12,6 @@
 namespace lidarcodec {
 
 // points: x y z in metres in the sensor's frame, `count` of them, finite and z up. Gives 1 for ground, otherwise 0.
-std::vector<std::uint8_t> ground_of(const float* points, std::size_t count);
+std::vector<std::uint8_t> ground_points(const float* points, std::size_t count);
 
 }  // namespace lidarcodec

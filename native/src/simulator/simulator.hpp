@@ -62,10 +62,10 @@ class Simulator {
 struct RoadUser {
   ObjectKind kind;
   std::uint32_t id;
-  V3 at;                // origin of its own frame: its middle, on the ground
-  double c, s;          // heading
-  double vx, vy;        // m/s in the world
-  float lo[3], hi[3];   // of its parts, along its heading, to its left, and up
+  V3 at;               // origin of its own frame: its middle, on the ground
+  double c, s;         // heading
+  double vx, vy;       // m/s in the world
+  float lo[3], hi[3];  // of its parts, along its heading, to its left, and up
 };
 
 // The exact poses of a drive, without tracing beams: 0.1 ms for a second of the city.
