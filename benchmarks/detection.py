@@ -4,7 +4,8 @@
 
 It measures as `lidarcodec evaluate detection` does, on simulated drives with known boxes and on KITTI's labelled ones.
 What was measured is kept in DIR, so that it can be stopped and continued. Objects of all drives are taken together.
-Intensity is left out: neither ground nor clusters use it. `--save` writes benchmarks/results/detection/.
+Intensity is left out: neither ground nor clusters use it. `--save` writes
+benchmarks/results/detection/ and docs/detection.png.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from lidarcodec.evaluation.detection.evaluate import Detection
 from lidarcodec.evaluation.detection.labels import read_labels
 from lidarcodec.evaluation.detection.report import difference, percent
 from lidarcodec.evaluation.detection.scores import Tally, mean_and_error, scores
+from lidarcodec.evaluation.plots import blank_figure, plain_ticks
 
 LABELS: Final = DATA / "sensors" / "labels"
 CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
@@ -47,6 +49,10 @@ BOUNDS: Final = ("0.01", "0.03", "0.1", "0.2", "0.5")
 RATES: Final = ("300", "500", "1000", "2000")
 PURPOSES: Final = ("look", "detect", "localise")
 OTHERS: Final = ("pcodec", "jpeg", "h264")
+KINDS: Final = ("car", "van", "cyclist", "pedestrian")
+COLOURS: Final = {"look": "#2563eb", "detect": "#16a34a", "localise": "#dc2626", "pcodec": "#7c3aed", "jpeg": "#f59e0b",
+                  "h264": "#0891b2"}  # fmt: skip
+PICTURE: Final = Path(__file__).resolve().parents[1] / "docs" / "detection.png"
 REDUCED: Final = (("voxel", "9000"), ("voxel", "20000"), ("random", "20000"), ("columns:6", ""))
 
 
@@ -119,16 +125,14 @@ def together(tallies: list[Tally]) -> Tally:
 
 
 def row_of(name: str, kbps: float | None, tally: Tally, original: Tally) -> list[str]:
-    """A row of a table."""
+    """A row of a table; the first one has the original frames, and no differences."""
     score = scores(tally, original, SEED)
-    kinds, distances = score["kinds"], score["distances"]
-    cells = [name, "-" if kbps is None else f"{kbps:,.0f}", percent(score["found"])]
-    cells += [difference(score, "found", 100), percent(score["returns"]), difference(score, "size_error", 1000)]
+    apart = (lambda *_: "-") if tally is original else difference
+    cells = [f"`{name}`" if kbps else name, "-" if kbps is None else f"{kbps:,.0f}", percent(score["found"])]
+    cells += [apart(score, "found", 100), percent(score["returns"]), apart(score, "size_error", 1000)]
     cells += [percent(score["ground_iou"])]
-    cells += [
-        difference(kinds[kind], "found", 100) for kind in ("car", "van", "cyclist", "pedestrian") if kind in kinds
-    ]
-    return cells + [difference(distances[band], "found", 100) for band in distances]
+    cells += [apart(score["kinds"][kind], "found", 100) for kind in KINDS if kind in score["kinds"]]
+    return cells + [apart(band, "found", 100) for band in score["distances"].values()]
 
 
 def rows(kept: Kept, drives: list[str], settings: list[tuple[str, list[str]]]) -> Iterator[list[str]]:
@@ -154,13 +158,69 @@ def purpose_rows(kept: Kept, drives: list[str]) -> Iterator[list[str]]:
         yield [rate, *(f"{kbps:,.0f}" for kbps in sent), f"{100 * (mean or 0):+.1f} +- {100 * (error or 0):.1f}"]
 
 
+def lines_of(made: dict[str, list[list[str]]]) -> dict[str, tuple[str, list[tuple[float, float]]]]:
+    """Name, colour, and kbit/s and share of the objects that are found of each point."""
+    lines = {"predictive, within a bound": ("#64748b", made["bounds"][1:])}
+    for purpose in PURPOSES:
+        found = [row for row in made["purposes"] if f"purpose={purpose} " in row[0]]
+        lines[f"predictive, {purpose}"] = COLOURS[purpose], found
+    for codec in OTHERS:
+        lines[f"{codec}, detect"] = COLOURS[codec], [row for row in made["codecs"] if f"`{codec} " in row[0]]
+    return {
+        name: (colour, sorted((float(row[1].replace(",", "")), float(row[2])) for row in found))
+        for name, (colour, found) in lines.items()
+    }
+
+
+def two_points_rows(made: dict[str, list[list[str]]]) -> Iterator[list[str]]:
+    """The bitrate below which at least two percentage points fewer objects are found, straight between two results on
+    a logarithmic scale."""
+    level = float(made["bounds"][0][2]) - 2
+    for name, (_, places) in lines_of(made).items():
+        worse = [at for at, (_, found) in enumerate(places) if found < level]
+        if not worse:
+            yield [name, f"below {places[0][0]:,.0f}"]
+        elif worse[-1] == len(places) - 1:
+            yield [name, "not reached"]
+        else:
+            (low, bad), (high, good) = places[worse[-1]], places[worse[-1] + 1]
+            yield [name, f"{low * (high / low) ** ((level - bad) / (good - bad)):,.0f}"]
+
+
+def draw(made: dict[str, list[list[str]]]) -> None:
+    """Objects that are found against the bitrate."""
+    figure = blank_figure(9, 5)
+    axes = figure.subplots()
+    whole = float(made["bounds"][0][2])
+    axes.axhline(whole, color="black", linewidth=0.8, label="original frames")
+    for name, (colour, places) in lines_of(made).items():
+        axes.plot(*zip(*places, strict=True), "o-", color=colour, label=name, markersize=4, linewidth=1.3)
+    axes.set_xscale("log")
+    plain_ticks(axes.xaxis)
+    axes.set_xlabel("kbit/s, everything counted")
+    axes.set_ylabel("objects that are one cluster, %")
+    axes.grid(alpha=0.3, which="both", linewidth=0.5)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    figure.savefig(PICTURE, dpi=110)
+
+
+TITLES: Final = {
+    "bounds": "Objects within a bound",
+    "purposes": "Objects by purpose, at a target bitrate",
+    "codecs": "Objects by codec, `purpose=detect`",
+    "reducers": "Objects by reducer, within a centimetre",
+    "two-points": "The bitrate below which two percentage points of the objects are lost",
+    "look-and-detect": "`purpose=detect` against `look`, `predictive`",
+}
+
+
 def main() -> None:
     """Measure and print; with --save, keep."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", default=",".join(DRIVES))
     parser.add_argument("--frames", type=int, default=40, help="frames of each drive")
     parser.add_argument("--cache", type=Path, required=True, help="folder for what was measured")
-    parser.add_argument("--save", action="store_true", help="write benchmarks/results/detection/")
+    parser.add_argument("--save", action="store_true", help="write benchmarks/results/detection/ and the picture")
     args = parser.parse_args()
     kept, drives = Kept(args.cache, args.frames), args.drives.split(",")
     for name in drives:  # a drive at a time is in memory
@@ -170,22 +230,24 @@ def main() -> None:
                 kept.measured(name, codec, pairs)
     original = together([kept.measured(name, None, [])[1] for name in drives])
     about = (
-        f"{len(drives)} drives of {args.frames} frames: {', '.join(str(DRIVES[name]['spec']) for name in drives)}; "
-        f"{len(original.tracks)} boxes of {len(set(original.tracks))} objects."
-    ).replace(f"{DATA}/", "")
-    kinds = [kind for kind in ("car", "van", "cyclist", "pedestrian") if kind in original.kinds]
-    bands = list(scores(original, original, SEED)["distances"])
-    heads = ["setting", "kbit/s", "found %", "difference", "returns %", "size mm, difference", "ground %"]
-    heads += [f"{kind}, difference" for kind in kinds] + [f"{band} m, difference" for band in bands]
+        f"{len(drives)} drives of {args.frames} frames, {len(original.tracks)} boxes of {len(set(original.tracks))} "
+        "objects; differences in percentage points and millimetres."
+    )
+    heads = ["setting", "kbit/s", "found %", "difference", "returns %", "size, difference", "ground %"]
+    heads += [kind for kind in KINDS if kind in original.kinds]
+    heads += [f"{band} m" for band in scores(original, original, SEED)["distances"]]
     made = {name: (heads, list(rows(kept, drives, settings))) for name, settings in tables().items()}
-    made["look-and-detect"] = (["kbit/s", "look", "detect", "detect more found"], list(purpose_rows(kept, drives)))
+    made["look-and-detect"] = (["target, kbit/s", "look", "detect", "found more"], list(purpose_rows(kept, drives)))
+    every = {name: cells for name, (_, cells) in made.items()}
+    made["two-points"] = (["", "kbit/s"], list(two_points_rows(every)))
+    here = results.here() | {"command": f"python -m benchmarks.detection --cache DIR --frames {args.frames} --save"}
     for name, (columns, cells) in made.items():
-        fields = {"title": f"Objects left in coded frames: {name}", "about": about}
-        found = results.Result(fields, columns, cells)
+        found = results.Result(here | {"title": TITLES[name], "about": about}, columns, cells)
         print(found.markdown(), "\n")
         if args.save:
-            command = f"python -m benchmarks.detection --cache DIR --frames {args.frames} --save"
-            results.save(f"detection/{name}", found, command)
+            results.write(f"detection/{name}", found)
+    if args.save:
+        draw(every)
 
 
 if __name__ == "__main__":

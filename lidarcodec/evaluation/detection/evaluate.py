@@ -168,13 +168,12 @@ class Detection:
     def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
         one, parts = self.frames[at], segments_of(frame)
         sent.points += len(parts.points)
-        sent.tallies[at] = objects_in(one.boxes, parts), ground_overlap(one.surfaces, parts)
+        sent.tallies[at] = objects_in(one.boxes, parts, one.counted), ground_overlap(one.surfaces, parts)
 
     def _tally_of(self, sent: _Sent) -> Tally:
         tally = Tally()
         for at, one in enumerate(self.frames):
-            nothing = objects_in(one.boxes, NOTHING), (0, 0)
-            objects, ground = sent.tallies.get(at, nothing)
+            objects, ground = sent.tallies.get(at) or (objects_in(one.boxes, NOTHING), (0, 0))
             tally.add(one.boxes, objects, one.counted, ground)
         return tally
 

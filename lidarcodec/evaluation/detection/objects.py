@@ -43,12 +43,12 @@ class Objects:
         return found
 
 
-def objects_in(boxes: Boxes, parts: Segments) -> Objects:
-    """Measure each box. Cost: 0.5 ms a box."""
+def objects_in(boxes: Boxes, parts: Segments, chosen: npt.NDArray[np.bool_] | None = None) -> Objects:
+    """Measure each box, or only the `chosen` (N,) ones; the others hold nothing. Cost: 0.7 ms a box."""
     number = len(boxes)
     found = Objects(np.zeros(number), np.zeros(number), np.full((number, 3), np.nan))
-    x, y = parts.points[:, 0], parts.points[:, 1]
-    for at in range(number):
+    x, y = np.ascontiguousarray(parts.points[:, 0]), np.ascontiguousarray(parts.points[:, 1])
+    for at in range(number) if chosen is None else np.flatnonzero(chosen).tolist():
         reach = float(np.linalg.norm(boxes.size[at])) / 2 + MARGIN_M
         near = np.flatnonzero((np.abs(x - boxes.middle[at, 0]) < reach) & (np.abs(y - boxes.middle[at, 1]) < reach))
         inside = boxes.within(at, parts.points[near])

@@ -48,10 +48,10 @@ def segments_of(frame: Frame) -> Segments:
     Raises SourceError for a frame without a range image.
     """
     measured = measured_only(frame)
-    cloud = measured.cloud()
     cells = np.flatnonzero(measured.valid.T)
-    if len(cells) != len(cloud):
-        raise SourceError(f"evaluate detection needs range images, and a {frame.sensor.name} has none")
+    cloud = measured.cloud()
+    if frame.sensor.is_cloud or len(cells) != len(cloud):
+        raise SourceError("evaluate detection needs frames made of packets: a point cloud has no beams")
     points = np.ascontiguousarray(np.stack([cloud[name] for name in "xyz"], axis=-1), np.float32)
     ground = _native.ground_points(points)
     clusters = _native.cluster_points(points, cloud["ring"].astype(np.uint16), ground)

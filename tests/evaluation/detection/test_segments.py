@@ -5,16 +5,19 @@ import numpy as np
 import pytest
 
 from lidarcodec import _native
-from lidarcodec.errors import LidarCodecError
+from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.evaluation.detection.boxes import upright
 from lidarcodec.evaluation.detection.objects import objects_in
 from lidarcodec.evaluation.detection.segments import Segments, ground_overlap, segments_of, surfaces_of
 from lidarcodec.filling import filled
+from lidarcodec.image_frame import cloud_frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.drive import LABELS
 from lidarcodec.wire import pack, unpack
+from tests import point_clouds
 
 HEIGHT_M = 1.7
 CARS = ((12.0, 0.0), (12.0, 6.0))
@@ -125,3 +128,10 @@ def test_interpolated_returns_are_never_measured_ones(drive):
     assert np.array_equal(parts.clusters, bare.clusters)
     both, either = ground_overlap(surfaces_of(segments_of(drive[1])), parts)
     assert 0.8 * either < both <= either <= len(parts.points)
+
+
+def test_a_point_cloud_is_refused():
+    payload = point_clouds.message(point_clouds.velodyne())
+    frame = cloud_frame(0, 0, payload, cloud_sensor([payload]))
+    with pytest.raises(SourceError, match="point cloud"):
+        segments_of(frame)
