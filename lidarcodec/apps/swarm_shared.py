@@ -13,7 +13,6 @@ import threading
 import time
 from typing import Any
 
-from lidarcodec.apps.control import answered
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.swarm import NOMINAL_HZ
 from lidarcodec.errors import SettingsError
@@ -24,6 +23,7 @@ from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.answering import answered
 from lidarcodec.transport.base import Closeable, Priority
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import pack

@@ -17,9 +17,9 @@ import threading
 from collections import Counter
 from typing import Final
 
-from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.ending import ended
 from lidarcodec.errors import TransportError
+from lidarcodec.transport.allowance import Allowance
 
 logger = logging.getLogger(__name__)
 

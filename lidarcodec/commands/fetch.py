@@ -12,13 +12,13 @@ from typing import Any
 
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
-from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.apps.past.times import check_quality, span_of
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, told
+from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.transport import open_transport
 from lidarcodec.transport.keys import StreamKeys

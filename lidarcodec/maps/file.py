@@ -81,6 +81,32 @@ class Head:
         return list(self.columns.values())
 
 
+class About(NamedTuple):
+    """What the head of a file says: how points are coded, length of all drives in metres, where path and index begin,
+    how many places and tiles they have, and the number of points."""
+
+    head: Head
+    length_m: float
+    path_at: int
+    path_places: int
+    index_at: int
+    tiles: int
+    points: int
+
+
+def about_of(data: bytes) -> About:
+    """What the head of a file says. data: its first HEAD_BYTES bytes
+
+    Raises HeaderError, TruncatedError, ChecksumError.
+    """
+    if data[: len(MAGIC)] != MAGIC:
+        raise HeaderError("this is not a map of lidarcodec", 0)
+    if len(data) < HEAD_BYTES:
+        raise TruncatedError("a map ends before what its head announces", len(data))
+    fields = HEAD.unpack(_checked(data[:HEAD_BYTES], 0))
+    return About(_head_of(fields), *fields[12:18])
+
+
 def check_step(step_um: int) -> None:
     """Raise SettingsError for a step that a map cannot have. Tiles of 50 m are a whole number of steps wide."""
     if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or TILE_M * 1_000_000 % step_um:
@@ -107,17 +133,24 @@ class MapWriter:
         if max(abs(tile.x), abs(tile.y), abs(int(tile.steps[:, 2].min()))) >= MOST_PLACE // 2:
             raise SettingsError("a point of a map lies too far from its origin: are the poses right?")
         head = self._head
-        data = encode_tile(tile, head.width, head.step_m, head.bits)
+        self.append(tile.x, tile.y, encode_tile(tile, head.width, head.step_m, head.bits), len(tile.steps))
+
+    def append(self, x: int, y: int, data: bytes, points: int) -> None:
+        """Append a tile that is coded. points: how many it has"""
         self._file.write(data)
-        self._places.append((tile.x, tile.y, len(data)))
-        self._points += len(tile.steps)
+        self._places.append((x, y, len(data)))
+        self._points += points
 
     def close(self, path: npt.NDArray[np.floating], length_m: float) -> None:
         """Write the path, the index and the head. path: (P, 3) in metres"""
         if np.abs(path).max(initial=0.0) * 100 >= MOST_PATH_CM // 2:
             raise SettingsError("the path of a map leads too far from its origin: are the poses right?")
+        self.end(_with_crc(_path_bytes(path)), len(path), length_m)
+
+    def end(self, path: bytes, path_places: int, length_m: float) -> None:
+        """Write a path that is coded, the index and the head."""
         path_at = self._file.tell()
-        self._file.write(_with_crc(_path_bytes(path)))
+        self._file.write(path)
         index_at = self._file.tell()
         index, before = bytearray(), (0, 0)
         for x, y, size in self._places:
@@ -130,7 +163,7 @@ class MapWriter:
         names = [COLUMNS[name] for name in head.columns]
         packed = HEAD.pack(
             MAGIC, *VERSION, len(names), 0, head.step_um, head.width, head.frame.zone, head.frame.south,
-            *head.frame.origin, length_m, path_at, len(path), index_at, len(self._places), self._points, 0,
+            *head.frame.origin, length_m, path_at, path_places, index_at, len(self._places), self._points, 0,
             *_eight(names), *_eight(head.bits),
         )  # fmt: skip
         self._file.seek(0)
@@ -152,7 +185,7 @@ def write_map(file: BinaryIO, points: MapPoints) -> None:
 class MapReader:
     """A map in a file, whose tiles are read when they are asked for.
 
-    head, places, length_m, path: what the file says;  len: number of its points
+    about, head, places, length_m, path: what the file says;  len: number of its points
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -160,16 +193,13 @@ class MapReader:
         SectionError."""
         self._file = file
         self._size = file.seek(0, 2)
-        if self._take(0, min(len(MAGIC), self._size)) != MAGIC:
-            raise HeaderError("this is not a map of lidarcodec", 0)
-        fields = HEAD.unpack(_checked(self._take(0, HEAD_BYTES), 0))
-        self.head, self.length_m = _head_of(fields), fields[12]
-        path_at, path_count, index_at, tiles, self._points = fields[13:18]
+        self.about = about = about_of(self._take(0, min(HEAD_BYTES, self._size)))
+        self.head, self.length_m, path_at, path_count, index_at, tiles, self._points = about
         if not HEAD_BYTES <= path_at <= index_at <= self._size - 4:
             raise HeaderError("the parts of a map are not where its head says", 0)
         if tiles > index_at or path_count > min(MOST_PATH, index_at - path_at):
             raise HeaderError("a map has less bytes than tiles, or than places of its path", 0)
-        self.path = _path_of(_checked(self._take(path_at, index_at - path_at), path_at), path_count)
+        self.path = path_of(self._take(path_at, index_at - path_at), path_count)
         self.places = _places_of(_checked(self._take(index_at, self._size - index_at), index_at), tiles, path_at)
         if self._points > POINTS_PER_BYTE * (path_at - HEAD_BYTES):
             raise HeaderError("a map has more points than its bytes can hold", 0)
@@ -291,8 +321,9 @@ def _path_bytes(path: npt.NDArray[np.floating]) -> bytes:
     return bytes(out)
 
 
-def _path_of(data: bytes, count: int) -> npt.NDArray[np.float32]:
-    reader = VarintReader(data)
+def path_of(data: bytes, count: int) -> npt.NDArray[np.float32]:
+    """The places (P, 3) in metres of a coded path. Raises ChecksumError, TruncatedError, SectionError."""
+    reader = VarintReader(_checked(data, 0))
     steps = [[reader.signed(MOST_PATH_CM) for _ in range(3)] for _ in range(count)]
     if len(reader):
         raise TruncatedError("bytes after the end of the path of a map", reader.offset)

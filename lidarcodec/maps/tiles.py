@@ -68,18 +68,20 @@ def encode_tile(tile: Tile, width: int, step_m: float, bits: Sequence[int]) -> b
     return _native.crc32c(bytes(body)).to_bytes(4, "little") + bytes(body)
 
 
+def points_in(data: bytes) -> int:
+    """The number of points that a coded tile says it has, without decoding it.
+
+    Raises ChecksumError, TruncatedError, SectionError.
+    """
+    return _opened(data)[1]
+
+
 def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
     """The tile of `encode_tile`. Memory is bounded: 4 points a byte, and 4 million points.
 
     Raises ChecksumError, TruncatedError, SectionError.
     """
-    if len(data) < 4:
-        raise TruncatedError("a tile of a map ends in its checksum", len(data))
-    if _native.crc32c(data[4:]) != int.from_bytes(data[:4], "little"):
-        raise ChecksumError("the checksum of a tile of a map does not match", 0)
-    reader = VarintReader(data[4:])
-    x, y, z = (reader.signed(MOST_PLACE) for _ in range(3))
-    count = reader.varint(min(MOST_POINTS, POINTS_PER_BYTE * len(data)), 1)
+    (x, y, z), count, reader = _opened(data)
     levels, cell, reach = reader.varint(16), reader.varint(1024, 1), reader.varint(256, 1)
     padding = reader.take(reader.varint(len(data)))
     if padding.count(0) != len(padding):
@@ -92,6 +94,17 @@ def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
         raise SectionError("a tile of a map has a point twice", 4)
     steps += np.array([x * width, y * width, z])
     return Tile(x, y, steps, columns)
+
+
+def _opened(data: bytes) -> tuple[list[int], int, VarintReader]:
+    """Place and lowest step of a coded tile, the number of its points, and what follows."""
+    if len(data) < 4:
+        raise TruncatedError("a tile of a map ends in its checksum", len(data))
+    if _native.crc32c(data[4:]) != int.from_bytes(data[:4], "little"):
+        raise ChecksumError("the checksum of a tile of a map does not match", 0)
+    reader = VarintReader(data[4:])
+    place = [reader.signed(MOST_PLACE) for _ in range(3)]
+    return place, reader.varint(min(MOST_POINTS, POINTS_PER_BYTE * len(data)), 1), reader
 
 
 def _alike(steps: Steps) -> bool:

@@ -13,6 +13,8 @@ from typing import Any, Protocol, Self
 
 logger = logging.getLogger(__name__)
 
+MAX_ANSWERS = 64
+"""Most answers that `ask_all` gives; further ones are dropped."""
 MAX_EVENT_BYTES = 1 << 20
 """Longest small event, query or answer that is handed to a handler; longer ones are dropped and logged once."""
 
@@ -20,6 +22,8 @@ EventHandler = Callable[[str, bytes], None]
 """Takes key and bytes of one small event."""
 QueryHandler = Callable[[bytes], bytes]
 """Takes the bytes of a query, gives those of the answer."""
+KeyHandler = Callable[[str, bytes], bytes | None]
+"""Takes key and bytes of a query, gives those of the answer; None if others may answer it."""
 AliveHandler = Callable[[str, bool], None]
 """Takes a token's key, and whether it appeared (True) or disappeared (False)."""
 MatchHandler = Callable[[bool], None]
@@ -93,8 +97,14 @@ class Transport(Closeable, Protocol):
     def answer(self, key: str, handler: QueryHandler) -> Closeable:
         """Answer queries on one key."""
 
+    def answer_under(self, expression: str, handler: KeyHandler) -> Closeable:
+        """Answer queries on all keys that a key expression covers. Queries with wildcards are dropped."""
+
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
         """The first answer to a query; None if there is none in time. beside: both go after everything else"""
+
+    def ask_all(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> list[bytes]:
+        """The answers of all who answer within the time, at most MAX_ANSWERS; they go after everything else."""
 
     def token(self, key: str) -> Closeable:
         """Show that this process is alive, until closed, killed or cut off."""

@@ -18,11 +18,13 @@ from typing import Any, Self, TypeVar
 
 from lidarcodec.errors import TransportError
 from lidarcodec.transport.base import (
+    MAX_ANSWERS,
     AliveHandler,
     Closeable,
     EventHandler,
     Guard,
     Inbox,
+    KeyHandler,
     MatchHandler,
     Priority,
     QueryHandler,
@@ -87,7 +89,7 @@ class _Listener(_Entity):
 
 
 class _Queryable(_Entity):
-    handler: QueryHandler
+    handler: KeyHandler
 
 
 class _Token(_Entity):
@@ -198,7 +200,7 @@ class MemoryNetwork:
     def queryables(self, owner: MemoryTransport, key: str) -> list[_Queryable]:
         """Queryables of other transports on a key."""
         with self._lock:
-            return [one for one in self._of(_Queryable, owner) if one.key == key]
+            return [one for one in self._of(_Queryable, owner) if matches(one.key, key)]
 
     def all_of(self, owner: MemoryTransport) -> list[_Entity]:
         """Everything a transport has declared."""
@@ -251,36 +253,20 @@ class MemoryTransport:
 
     def answer(self, key: str, handler: QueryHandler) -> Closeable:
         """Answer queries on one key."""
-        queryable = _Queryable(self, self._checked(key))
-        queryable.handler, queryable.worker = handler, _Worker(key)
-        self.network.add(queryable)
-        return queryable
+        return self._answer(self._checked(key), lambda _, data: handler(data))
+
+    def answer_under(self, expression: str, handler: KeyHandler) -> Closeable:
+        """Answer queries on all keys that an expression covers."""
+        return self._answer(self._checked(expression, wild=True), handler)
 
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
         """The first answer; None if none comes in time. There is no slow link, so `beside` has no effect."""
-        self._checked(key)
-        answers: list[bytes] = []
-        done = threading.Condition()
-        asked = self.network.queryables(self, key)
-        left = len(asked)
+        answers = self._answers(key, data, timeout_s, 1)
+        return answers[0] if answers else None
 
-        def run(queryable: _Queryable) -> None:
-            nonlocal left
-            given = None
-            if self._guard.fits(key, len(data)):
-                given = queryable.owner._guard.call(key, queryable.handler, bytes(data))
-            with done:
-                left -= 1
-                if isinstance(given, bytes) and self._guard.fits(key, len(given)):
-                    answers.append(given)
-                done.notify()
-
-        for queryable in asked:
-            if queryable.worker is not None:
-                queryable.worker.post(lambda queryable=queryable: run(queryable))  # type: ignore[misc]
-        with done:
-            done.wait_for(lambda: bool(answers) or left == 0, timeout_s)
-            return answers[0] if answers else None
+    def ask_all(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> list[bytes]:
+        """All answers that come in time."""
+        return self._answers(key, data, timeout_s, MAX_ANSWERS)
 
     def token(self, key: str) -> Closeable:
         """A token that others see until it is closed."""
@@ -330,6 +316,38 @@ class MemoryTransport:
         if now != sender.told:
             sender.told = now
             worker.post(lambda: self._guard.call(f"matching on {sender.key}", handler, now))
+
+    def _answer(self, key: str, handler: KeyHandler) -> Closeable:
+        queryable = _Queryable(self, key)
+        queryable.handler, queryable.worker = handler, _Worker(key)
+        self.network.add(queryable)
+        return queryable
+
+    def _answers(self, key: str, data: bytes, timeout_s: float, most: int) -> list[bytes]:
+        """The first `most` answers."""
+        self._checked(key)
+        answers: list[bytes] = []
+        done = threading.Condition()
+        asked = self.network.queryables(self, key)
+        left = len(asked)
+
+        def run(queryable: _Queryable) -> None:
+            nonlocal left
+            given = None
+            if self._guard.fits(key, len(data)):
+                given = queryable.owner._guard.call(key, queryable.handler, key, bytes(data))
+            with done:
+                left -= 1
+                if isinstance(given, bytes) and self._guard.fits(key, len(given)):
+                    answers.append(given)
+                done.notify()
+
+        for queryable in asked:
+            if queryable.worker is not None:
+                queryable.worker.post(lambda queryable=queryable: run(queryable))  # type: ignore[misc]
+        with done:
+            done.wait_for(lambda: len(answers) >= most or left == 0, timeout_s)
+            return answers[:most]
 
     def _checked(self, key: str, *, wild: bool = False) -> str:
         if self._closed:

@@ -14,6 +14,7 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,11 +23,13 @@ import zenoh
 from lidarcodec.errors import TransportError, is_panic
 from lidarcodec.gate.gate import Gate
 from lidarcodec.transport.base import (
+    MAX_ANSWERS,
     AliveHandler,
     Closeable,
     EventHandler,
     Guard,
     Inbox,
+    KeyHandler,
     MatchHandler,
     Priority,
     QueryHandler,
@@ -277,35 +280,48 @@ class ZenohTransport:
 
     def answer(self, key: str, handler: QueryHandler) -> Closeable:
         """Answer queries on one key; a query that is not answered is always dropped, so that nobody waits for it."""
+        check_key(key)
+        return self.answer_under(key, lambda _, data: handler(data))
+
+    def answer_under(self, expression: str, handler: KeyHandler) -> Closeable:
+        """Answer queries on all keys that an expression covers."""
 
         def asked(query: zenoh.Query) -> None:
             with query:
+                key = str(query.key_expr)
                 size = 0 if query.payload is None else len(query.payload)
-                if not self._guard.fits(key, size):
+                if "*" in key or not self._guard.fits(expression, size):
                     return
                 data = b"" if query.payload is None else query.payload.to_bytes()
-                answer = self._guard.call(key, handler, data)
+                answer = self._guard.call(expression, handler, key, data)
                 if isinstance(answer, bytes):
-                    self._guard.call(f"answers on {key}", query.reply, key, answer)
+                    self._guard.call(f"answers on {expression}", query.reply, key, answer)
 
-        return self._keep(key, self._declare(key, "declare_queryable", asked, allowed_origin=zenoh.Locality.REMOTE))
+        declared = self._declare(
+            expression, "declare_queryable", asked, wild=True, allowed_origin=zenoh.Locality.REMOTE
+        )
+        return self._keep(expression, declared)
 
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0, *, beside: bool = False) -> bytes | None:
         """The first answer; None when there is none in time. An answer has the priority of its question."""
+        priority = zenoh.Priority.BACKGROUND if beside else zenoh.Priority.INTERACTIVE_HIGH
+        return next(self._answers(key, data, timeout_s, priority=priority), None)
+
+    def ask_all(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> list[bytes]:
+        """All answers that come in time. Zenoh would merge those on one key."""
+        each = {"priority": zenoh.Priority.BACKGROUND, "consolidation": zenoh.ConsolidationMode.NONE}
+        return list(islice(self._answers(key, data, timeout_s, **each), MAX_ANSWERS))
+
+    def _answers(self, key: str, data: bytes, timeout_s: float, **options: Any) -> Iterator[bytes]:
         check_key(key)
         with _telling(f"cannot ask {key}"):
             replies = self._session.get(
-                key,
-                payload=data,
-                timeout=timeout_s,
-                priority=zenoh.Priority.BACKGROUND if beside else zenoh.Priority.INTERACTIVE_HIGH,
-                allowed_destination=zenoh.Locality.REMOTE,
+                key, payload=data, timeout=timeout_s, allowed_destination=zenoh.Locality.REMOTE, **options
             )
             for reply in replies:
                 sample = reply.ok
                 if sample is not None and self._guard.fits(key, len(sample.payload)):
-                    return bytes(sample.payload.to_bytes())
-        return None
+                    yield bytes(sample.payload.to_bytes())
 
     def token(self, key: str) -> Closeable:
         """A liveliness token: others see it go within milliseconds of a kill, and 10 s after a link went dead."""

@@ -19,8 +19,8 @@ from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import Response
 from starlette.websockets import WebSocket, WebSocketState
 
-from lidarcodec.apps.control import field_of
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, TransportError, UnknownNameError
+from lidarcodec.transport.answering import field_of
 from lidarcodec_server.fleet.control import AwayError, BusyError, RefusedError
 from lidarcodec_server.limits import SparseLog, TooManyError
 from lidarcodec_server.migrations import StoreError

@@ -7,11 +7,12 @@ from unittest.mock import ANY
 
 import pytest
 
-from lidarcodec.apps.control import answered, object_of, settings_with
+from lidarcodec.apps.control import settings_with
 from lidarcodec.apps.reports import STATUS_FIELDS, Arrival, pack_arrival, read_arrival, read_report, read_status
 from lidarcodec.apps.timings import RECENT, Timings
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.answering import answered, object_of
 from lidarcodec.untrusted.json import JsonRefusedError
 from tests.apps.in_memory import publisher
 

@@ -17,19 +17,18 @@ from typing import Any
 from lidarcodec import open_source
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past import answers
-from lidarcodec.apps.past import fetch as fetching
 from lidarcodec.apps.past.answers import Answers
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import Fetch
 from lidarcodec.apps.past.keeper import Keep, Keeper
 from lidarcodec.apps.past.kept import Kept
-from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Clip
+from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.frame import Frame
 from lidarcodec.recording.marks import Mark
 from lidarcodec.recording.pieces import messages_in, pieces_in, read_piece
 from lidarcodec.recording.rotation import recorded_files
-from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport import Endpoints, open_transport, part_size
 from lidarcodec.wire import peek
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, frames, packets
 from tests.faults.outcome import Outcome
@@ -168,6 +167,6 @@ def _fetch(store: Path, endpoint: str, told: Connection | None) -> None:
     with open_transport(Endpoints.of([endpoint])) as transport:
         fetch = Fetch(Clip(KEYS, at(0), at(MARKED)), PieceStore(store), store / "plan.json", lambda: transport, 60.0)
         if told is not None:
-            fetching.MAX_PART = 8192  # so that it is not over before it is killed
+            part_size.MAX_PART = 8192  # so that it is not over before it is killed
             told.send(0)
         fetch.run()

@@ -15,23 +15,23 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from lidarcodec.apps.allowance import Allowance
-from lidarcodec.apps.control import TooOftenError, answered, object_of
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.keeper import Keeper
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.recording.marks import Mark
 from lidarcodec.transport import Transport
+from lidarcodec.transport.allowance import Allowance
+from lidarcodec.transport.answering import TooOftenError, answered, object_of
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.transport.part_size import MAX_PART
 from lidarcodec.untrusted.times import time_ns_of
 
 logger = logging.getLogger(__name__)
 
 PART: Final = 1
 HEAD: Final = struct.Struct("<BI")
-MAX_PART: Final = 64 * 1024
 WAIT_S: Final = 0.2
 TICK_S: Final = 0.001
 LISTS_PER_S, LISTS_AT_ONCE = 10.0, 20

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Plan
 from lidarcodec.apps.recorder import LOSSLESS
 from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.pieces import messages_in
 

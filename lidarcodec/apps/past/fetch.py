@@ -15,19 +15,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from lidarcodec.apps.past.answers import HEAD, MAX_PART, PART
-from lidarcodec.apps.past.piece_store import PieceStore
+from lidarcodec.apps.past.answers import HEAD, PART
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording.pieces import Piece
 from lidarcodec.transport import Transport
+from lidarcodec.transport.part_size import PartSize
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 
-MIN_PART: Final = 4096
-PART_S: Final = 0.008
-"""Time that a part may take on the link: a live message waits at most so long for it."""
 ANSWER_S: Final = 4.0
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 5.0
 FRESH_S: Final = 5.0
@@ -61,7 +59,7 @@ class Fetch:
         self.plan = Plan.read(plan_file, clip)
         self._stop = threading.Event()
         self._moved_s = time.monotonic()
-        self._part_bytes, self._round_s = MIN_PART, float("inf")
+        self._parts = PartSize()
         self.received = 0
         self.waiting: str | None = None
         self._now: tuple[str, int] | None = None
@@ -161,7 +159,7 @@ class Fetch:
 
     def _part(self, piece: Piece, offset: int) -> bytes | None:
         """The next bytes of a piece; None if the vehicle does not keep it any more."""
-        size = min(self._part_bytes, piece.size - offset)
+        size = min(self._parts.bytes, piece.size - offset)
         question = {"ask": "part", "piece": piece.name, "at_ns": piece.begin_ns, "offset": offset, "bytes": size}
         answer, took_s = self._ask(question)
         if not answer or answer[0] != PART:
@@ -172,17 +170,9 @@ class Fetch:
         if not HEAD.size < len(answer) <= HEAD.size + size:
             raise SourceError("the vehicle's answer makes no sense")
         waited_s = HEAD.unpack_from(answer)[1] / 1e6
-        self._adapt(max(0.0, took_s - waited_s), size)
+        self._parts.took(size, max(0.0, took_s - waited_s))
         self.received += len(answer)
         return answer[HEAD.size :]
-
-    def _adapt(self, took_s: float, size: int) -> None:
-        """Choose the size of the next part from the time that this one took."""
-        self._round_s = min(self._round_s * 1.01, took_s)
-        if took_s - self._round_s > PART_S:
-            self._part_bytes = max(MIN_PART, int(self._part_bytes / 1.5))
-        elif size == self._part_bytes:
-            self._part_bytes = min(MAX_PART, int(self._part_bytes * 1.1) + 1)
 
     # --- questions --------------------------------------------------------------------------------------------------
 
@@ -210,7 +200,7 @@ class Fetch:
                 self._moved_s, self.waiting = time.monotonic(), None
                 return answer, time.monotonic() - begin
             self.waiting = "for the vehicle to answer"
-            self._part_bytes, self._round_s = MIN_PART, float("inf")
+            self._parts.lost()
             self._pause(wait_s)
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
 

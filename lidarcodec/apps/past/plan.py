@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from lidarcodec.apps.past.piece_store import NAME
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.files.piece_store import NAME
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import written_whole
 from lidarcodec.recording.pieces import MAX_PIECE, Piece

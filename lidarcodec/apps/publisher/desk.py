@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 from typing import Any, Protocol, Unpack, cast
 
-from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.clocks import Clock
-from lidarcodec.apps.control import Applied, TooOftenError, answered
+from lidarcodec.apps.control import Applied
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.reports import read_arrival
 from lidarcodec.settings import SettingChanges, StreamSettings, is_name
 from lidarcodec.transport import Transport
+from lidarcodec.transport.allowance import Allowance
+from lidarcodec.transport.answering import TooOftenError, answered
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
 

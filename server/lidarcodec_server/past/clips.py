@@ -17,9 +17,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
-from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import written_whole
 from lidarcodec.recording.pieces import Piece, pieces_in, read_piece

@@ -18,9 +18,10 @@ from lidarcodec.apps.past.answers import HEAD, PART, Answers
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
 from lidarcodec.apps.past.kept import Kept
-from lidarcodec.apps.past.piece_store import PieceStore
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.piece_store import PieceStore
+from lidarcodec.transport import part_size
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.memory import MemoryNetwork, MemoryTransport
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, kept, packets, ring
@@ -85,7 +86,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fetch, "ANSWER_S", 0.3)
     monkeypatch.setattr(fetch, "FIRST_WAIT_S", 0.02)
     monkeypatch.setattr(fetch, "FRESH_S", 0.05)
-    monkeypatch.setattr(fetch, "MIN_PART", 50_000)
+    monkeypatch.setattr(part_size, "MIN_PART", 50_000)
 
 
 def fetching(folder: Path, near: MemoryTransport, clip: Clip = CLIP, patience_s: float = 20.0) -> Fetch:
