@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import sys
 import threading
 import time
 from pathlib import Path
@@ -15,9 +14,10 @@ from lidarcodec.apps.past.fetch import CancelledError, Fetch
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.apps.past.times import check_quality, span_of
 from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.errors import SettingsError, told
+from lidarcodec.errors import SettingsError
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.transport import open_transport
@@ -25,7 +25,6 @@ from lidarcodec.transport.keys import StreamKeys
 
 log = logging.getLogger(__name__)
 
-TICK_S = 0.5
 PLAN = "plan.json"
 
 
@@ -54,7 +53,10 @@ def run(
     stop = threading.Event()
     with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
         fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
-        _run(fetch, stop)
+        try:
+            attended(fetch.run, fetch.cancel, stop, lambda: _progress(fetch.state()))
+        except CancelledError:
+            raise StoppedError from None
     plan = fetch.plan
     with whole(out, force=force) as output:
         size = write_clip(plan, store, output.beside)
@@ -67,33 +69,6 @@ def run(
         log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
     about = {"output": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
     tell(about, _line(about), as_json)
-
-
-def _run(fetch: Fetch, stop: threading.Event) -> None:
-    """Run the fetch in a thread, so that a signal ends it at once. Raises what it raises."""
-    failed: list[Exception] = []
-
-    def work() -> None:
-        try:
-            fetch.run()
-        except BaseException as error:  # a panic of native code is not an Exception
-            failed.append(told(error))
-
-    thread = threading.Thread(target=work, name="lidarcodec fetch", daemon=True)
-    thread.start()
-    show = sys.stderr.isatty()
-    while thread.is_alive():
-        thread.join(TICK_S)
-        if stop.is_set():
-            fetch.cancel()
-        if show:
-            sys.stderr.write(f"\r{_progress(fetch.state())}\x1b[K")
-    if show:
-        sys.stderr.write("\r\x1b[K")
-    if failed and isinstance(failed[0], CancelledError):
-        raise StoppedError
-    if failed:
-        raise failed[0]
 
 
 def _plan_name(clip: Clip) -> str:

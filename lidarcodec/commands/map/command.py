@@ -8,11 +8,24 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.results.maps import MapBuilt, MapCompressed, MapExported, MapInfo
+from lidarcodec.commands.results.maps import MapBuilt, MapCompressed, MapExported, MapFetched, MapInfo, MapsServed
+from lidarcodec.commands.running.run import keep_standard_output
 from lidarcodec.commands.running.telling import prints
-from lidarcodec.commands.signatures.common import AsJson, CalibrationFile, Force, FrameCount, PosesOf, SkipCount
+from lidarcodec.commands.signatures.common import (
+    AsJson,
+    CalibrationFile,
+    Connect,
+    Force,
+    FrameCount,
+    Listen,
+    PosesOf,
+    SkipCount,
+    ZenohConfig,
+)
 
-app = typer.Typer(help="Build maps for localisation, and make them small.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Build maps for localisation, make them small, and serve them.", no_args_is_help=True, rich_markup_mode=None
+)
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP.lcmap", show_default=False, help="A map of `map build`.")]
 Out = Annotated[Path, Option("-o", "--out", metavar="OUT.lcmap", show_default=False, help="The map to write.")]
@@ -20,7 +33,7 @@ Out = Annotated[Path, Option("-o", "--out", metavar="OUT.lcmap", show_default=Fa
 
 @app.callback()
 def _group() -> None:
-    """Build maps for localisation, and make them small."""
+    """Build maps for localisation, make them small, and serve them."""
 
 
 @app.command()
@@ -137,3 +150,52 @@ def export(
     from lidarcodec.commands.map.info import run_export
 
     run_export(source, out, force, as_json)
+
+
+@app.command()
+@prints(MapsServed)
+def serve(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="MAP.lcmap|DIR...", show_default=False, help="Maps, or folders of maps."),
+    ],
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Serve the tiles of maps on the network. Files that change are read again. Ctrl-C stops it."""
+    from lidarcodec.commands.map.serve import run_serve
+
+    keep_standard_output()
+    run_serve(sources, (connect or [], listen or [], zenoh_config), as_json)
+
+
+@app.command()
+@prints(MapFetched)
+def fetch(
+    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="A map that is served.")],
+    out: Out,
+    around: Annotated[
+        str | None, Option("--around", metavar="X,Y", help="Only the tiles near this place, in metres in the map.")
+    ] = None,
+    radius: Annotated[
+        float | None,
+        Option("--radius", min=0.0, max=1e7, metavar="M", help="How far around. Default: 200."),
+    ] = None,
+    patience: Annotated[
+        float,
+        Option("--patience", min=1.0, max=1e6, metavar="S", help="Give up when nobody answers for S s. Default: 60."),
+    ] = 60.0,
+    force: Force = False,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch a map that `map serve` or a server serves, or a part of it. Run it again to continue."""
+    from lidarcodec.commands.map.serve import Wanted, run_fetch
+
+    keep_standard_output()
+    given = (connect or [], listen or [], zenoh_config)
+    run_fetch(Wanted(name, out, around, radius, patience), given, force=force, as_json=as_json)

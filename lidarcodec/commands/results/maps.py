@@ -61,3 +61,22 @@ class MapExported(TypedDict):
 
     output: Annotated[str, "the file"]
     points: Annotated[int, "points in it"]
+
+
+class MapsServed(TypedDict):
+    """Of `map serve`, as soon as it answers, in one line. Nothing is printed at its end."""
+
+    maps: Annotated[list[str], "names of the maps"]
+
+
+class MapFetched(TypedDict):
+    """Of `map fetch`."""
+
+    output: Annotated[str, "the map"]
+    map: Annotated[str, "its name where it is served"]
+    version: Annotated[str, "SHA-256 of the file that is served"]
+    tiles: Annotated[int, "tiles in the output"]
+    of: Annotated[int, "tiles of the whole map"]
+    points: Annotated[int, "points in the output"]
+    bytes: Annotated[int, "size of the output"]
+    bytes_received: Annotated[int, "bytes of tiles that came over the network"]

@@ -1,0 +1,136 @@
+"""Fetches a map, or the tiles around a place, into a file. What was fetched stays in a folder until that is whole."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from lidarcodec.errors import DecodeError, SettingsError, SourceError, told
+from lidarcodec.maps.file import MapWriter
+from lidarcodec.maps.served.manifest import Manifest, Piece
+from lidarcodec.maps.served.sources import MAX_CHANGES, ChangedMapError, TileSource
+from lidarcodec.maps.tiles import points_in
+
+IN_FLIGHT: Final = 4
+SPARE_BYTES: Final = 16 * 2**20
+"""Left free on a disk."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """Part of a map: tiles within a distance of a place, in metres."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+
+
+class MapFetch:
+    """Fetches a map. `run` blocks; its state can be read from other threads.
+
+    tiles, done: how many there are, and are here
+    result: the list of tiles, and those of them that were wanted, in the order of the map; None until all are here
+    """
+
+    def __init__(self, source: TileSource, around: Around | None = None) -> None:
+        """around: the part to fetch; by default everything"""
+        self._source, self._around = source, around
+        self._lock = threading.Lock()
+        self.tiles, self.done = 0, 0
+        self.result: tuple[Manifest, list[Piece]] | None = None
+
+    def run(self, folder: Path) -> None:
+        """Fetch everything. folder: on the disk that will hold it
+
+        Raises SourceError, StoppedFetchError.
+        """
+        manifest = self._source.manifest()
+        for _ in range(MAX_CHANGES):
+            wanted = self._wanted(manifest)
+            self._check_room(folder, sum(tile.size for tile in wanted))
+            self.tiles, self.done = len(wanted), 0
+            try:
+                self._read_all([manifest.path, *wanted])
+            except ChangedMapError:
+                manifest = self._source.manifest(manifest)
+            else:
+                self.result = manifest, wanted
+                return
+        raise SourceError(f"map '{manifest.name}' changed {MAX_CHANGES} times while it was fetched")
+
+    def _wanted(self, manifest: Manifest) -> list[Piece]:
+        around = self._around
+        if around is None:
+            return list(manifest.tiles)
+        wanted = [tile for tile in manifest.tiles if tile.distance_m(around.x_m, around.y_m) <= around.radius_m]
+        if not wanted:
+            bounds = manifest.summary()["bounds_m"]
+            where = "has no tiles" if bounds is None else "lies between x {} and y {}, x {} and y {}".format(*bounds)
+            raise SettingsError(
+                f"there is no tile within {around.radius_m:g} m of {around.x_m:g},{around.y_m:g}: map "
+                f"'{manifest.name}' {where}",
+                "around",
+            )
+        return wanted
+
+    def _read_all(self, pieces: list[Piece]) -> None:
+        """Fetch pieces, several at once. Raises the first error after the others have ended."""
+        failed: list[Exception] = []
+        waiting = iter(pieces)
+
+        def work() -> None:
+            while not failed:
+                with self._lock:
+                    piece = next(waiting, None)
+                if piece is None:
+                    return
+                try:
+                    self._source.read(piece)
+                except BaseException as error:  # a panic of native code is not an Exception
+                    failed.append(told(error))
+                    return
+                with self._lock:
+                    self.done += piece.place is not None
+
+        with ThreadPoolExecutor(IN_FLIGHT, "lidarcodec map fetch") as pool:
+            for _ in range(IN_FLIGHT):
+                pool.submit(work)
+        if failed:
+            raise failed[0]
+
+    def _check_room(self, folder: Path, size: int) -> None:
+        """Raise SourceError if a disk cannot hold the tiles, and the file made of them."""
+        try:
+            free = shutil.disk_usage(folder).free
+        except OSError as error:
+            raise SourceError(f"cannot use {folder}: {error.strerror or error}") from None
+        if 2 * size + SPARE_BYTES > free:
+            raise SourceError(
+                f"the map needs {2 * size / 1e6:,.0f} MB on the disk of {folder}, and {free / 1e6:,.0f} MB are free"
+            )
+
+
+def write_fetched(file: BinaryIO, manifest: Manifest, tiles: list[Piece], read: Callable[[Piece], bytes]) -> int:
+    """Write a map of tiles that were fetched; with all of them it has the bytes of the original.
+
+    Returns the number of its points. Raises SourceError for a tile that is damaged, or not where the list says.
+    """
+    about = manifest.about
+    writer, points = MapWriter(file, about.head), 0
+    for tile in tiles:
+        assert tile.place is not None
+        try:
+            data = read(tile)
+            count = points_in(data)
+        except DecodeError as error:
+            where = f"tile {tile.tail} of map '{manifest.name}'"
+            raise SourceError(f"{where} is damaged where it is served: {error}") from None
+        writer.append(*tile.place, data, count)
+        points += count
+    writer.end(read(manifest.path), about.path_places, about.length_m)
+    return points

@@ -1,0 +1,245 @@
+"""Where tiles come from: a file, or a process that serves maps on the network. Both have the interface TileSource."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.maps.served.answers import HEAD, PART
+from lidarcodec.maps.served.manifest import KEY, MAX_TILES, PAGE, Manifest, Piece, check_map_name, manifest_of
+from lidarcodec.maps.served.shelf import ShelvedMap
+from lidarcodec.maps.served.stores import Pieces
+from lidarcodec.transport import Transport
+from lidarcodec.transport.base import MAX_EVENT_BYTES
+from lidarcodec.transport.part_size import PartSize
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+
+logger = logging.getLogger(__name__)
+
+ANSWER_S: Final = 4.0
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 5.0
+MAX_WRONG: Final = 3
+"""Most times that a tile may come with the wrong bytes."""
+MAX_CHANGES: Final = 10
+"""Most times that a map may change while its list of tiles is fetched."""
+
+
+class ChangedMapError(SourceError):
+    """A tile is not the one of the list any more: ask for the list again."""
+
+
+class StoppedFetchError(LidarCodecError):
+    """The fetch was stopped; what was fetched is still there."""
+
+
+class TileSource(Protocol):
+    """Gives the list of tiles of one map, and their bytes. Thread-safe; methods block, until `stop`.
+
+    received: bytes that came over the network;  waiting: what is waited for, as text; None if for nothing
+    """
+
+    received: int
+    waiting: str | None
+
+    def manifest(self, have: Manifest | None = None) -> Manifest:
+        """The list of tiles as it is now; `have` itself if nothing changed. Raises SourceError."""
+
+    def read(self, piece: Piece) -> bytes:
+        """The bytes of a tile, or of the path. Raises ChangedMapError, SourceError."""
+
+    def stop(self) -> None:
+        """End what blocks with StoppedFetchError, and give back what is held."""
+
+
+class FileTiles:
+    """A map in a file. A file that takes its place is noticed."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises SourceError."""
+        self._path, self._shelved = path, ShelvedMap(path.stem, path)
+        self.received = 0
+        self.waiting: str | None = None
+
+    def manifest(self, have: Manifest | None = None) -> Manifest:
+        """As of TileSource; the one before while the file cannot be read."""
+        if have is not None:
+            try:
+                if self._shelved.changed(self._path):
+                    self._shelved = ShelvedMap(self._shelved.name, self._path)
+            except SourceError as error:
+                logger.debug("%s; the map before is used", error)
+        return self._shelved.manifest
+
+    def read(self, piece: Piece) -> bytes:
+        """As of TileSource."""
+        shelved = self._shelved
+        if shelved.pieces.get(piece.place) != piece:
+            raise ChangedMapError("the map has changed")
+        return shelved.read(piece)
+
+    def stop(self) -> None:
+        """Nothing blocks."""
+
+
+class NetworkTiles:
+    """A map that another process serves.
+
+    transport:  gives the network session, or raises TransportError while there is none
+    store:      keeps pieces, and parts of them
+    patience_s: longest time without any answer
+    """
+
+    def __init__(self, name: str, transport: Callable[[], Transport], store: Pieces, patience_s: float) -> None:
+        """Raises SourceError if no map can have this name."""
+        self.name = check_map_name(name)
+        self._transport, self._store, self.patience_s = transport, store, patience_s
+        self._parts, self._stop = PartSize(), threading.Event()
+        self._lock = threading.Lock()
+        self._answered_s = time.monotonic()
+        self.received = 0
+        self.waiting: str | None = None
+
+    def manifest(self, have: Manifest | None = None) -> Manifest:
+        """As of TileSource. Raises SilentError as SourceError if nobody answers for too long."""
+        for _ in range(MAX_CHANGES):
+            first = self._told({"have": have.version} if have is not None else {})
+            if have is not None and first.get("same") is True and first.get("version") == have.version:
+                return have
+            pages, version = [first], first.get("version")
+            count = _counted(first)
+            while (listed := sum(map(_counted, pages))) < MAX_TILES and count == PAGE:
+                page = self._told({"from": listed})
+                if page.get("version") != version:
+                    break
+                pages.append(page)
+                count = _counted(page)
+            else:
+                return manifest_of(self.name, pages)
+        raise SourceError(f"map '{self.name}' changed {MAX_CHANGES} times while its list of tiles was fetched")
+
+    def read(self, piece: Piece) -> bytes:
+        """As of TileSource. Parts that are here are not fetched again."""
+        for _ in range(MAX_WRONG):
+            if not self._store.has(piece.hash, piece.size):
+                offset = min(self._store.got(piece.hash), piece.size)
+                while offset < piece.size:
+                    data = self._part(piece, offset)
+                    self._store.add(piece.hash, offset, data)
+                    offset += len(data)
+                if not self._store.finish(piece.hash):
+                    logger.warning("tile %s of map '%s' came with wrong bytes", piece.tail, self.name)
+                    continue
+            data = self._store.read(piece.hash)
+            if len(data) == piece.size:
+                return data
+        raise SourceError(f"tile {piece.tail} of map '{self.name}' came with wrong bytes {MAX_WRONG} times")
+
+    def stop(self) -> None:
+        """As of TileSource."""
+        self._stop.set()
+
+    def _part(self, piece: Piece, offset: int) -> bytes:
+        size = min(self._parts.bytes, piece.size - offset)
+        question = {"hash": piece.hash, "offset": offset, "bytes": size}
+        answer, took_s = self._ask(f"{KEY}/{self.name}/{piece.tail}", question)
+        if not answer or answer[0] != PART:
+            told = _object(answer)
+            if told.get("field") == "tile":
+                raise ChangedMapError(f"map '{self.name}' has no tile {piece.tail} any more")
+            raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
+        if not HEAD.size < len(answer) <= HEAD.size + size:
+            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' makes no sense")
+        _, whole, at, digest = HEAD.unpack_from(answer)
+        if digest.hex() != piece.hash:
+            raise ChangedMapError(f"tile {piece.tail} of map '{self.name}' has changed")
+        if (whole, at) != (piece.size, offset):
+            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' makes no sense")
+        self._parts.took(size, took_s)
+        with self._lock:
+            self.received += len(answer)
+        return answer[HEAD.size :]
+
+    def _told(self, question: dict[str, Any]) -> dict[str, Any]:
+        """The answer to a question about the list of tiles."""
+        while True:
+            told = _object(self._ask(f"{KEY}/{self.name}", question)[0])
+            if "error" not in told:
+                return told
+            retry_s = told.get("retry_s")
+            if not isinstance(retry_s, int | float) or isinstance(retry_s, bool):
+                raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
+            self._pause(min(max(float(retry_s), 0.05), LONGEST_WAIT_S))
+
+    def _ask(self, key: str, question: dict[str, Any]) -> tuple[bytes, float]:
+        """The answer, and how long it took in s. Waits until there is one."""
+        data, wait_s = json.dumps(question).encode(), FIRST_WAIT_S
+        begun_s = time.monotonic()
+        while True:
+            self._check_going(begun_s)
+            asked_s = time.monotonic()
+            try:
+                answer = self._transport().ask(key, data, ANSWER_S, beside=True)
+            except TransportError as error:
+                logger.debug("%s", error)
+                answer = None
+            if answer is not None:
+                self._answered_s, self.waiting = time.monotonic(), None
+                return answer, time.monotonic() - asked_s
+            self.waiting = f"for somebody to serve map '{self.name}'"
+            self._parts.lost()
+            self._pause(wait_s)
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+    def _pause(self, seconds: float) -> None:
+        if self._stop.wait(seconds):
+            raise StoppedFetchError("the fetch was stopped")
+
+    def _check_going(self, begun_s: float) -> None:
+        if self._stop.is_set():
+            raise StoppedFetchError("the fetch was stopped")
+        if time.monotonic() - max(begun_s, self._answered_s) > self.patience_s:
+            raise SourceError(
+                f"nobody answered about map '{self.name}' for {self.patience_s:g} s: is it served under this name, and "
+                "is the network connected?"
+            )
+
+
+def maps_on(transport: Transport, timeout_s: float = ANSWER_S) -> list[dict[str, Any]]:
+    """The maps that are served on a network, as their servers describe them; answers that make no sense are left out.
+
+    Raises TransportError.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for answer in transport.ask_all(KEY, b"", timeout_s):
+        try:
+            told = read_object(answer, MAX_EVENT_BYTES).get("maps")
+        except JsonRefusedError as error:
+            logger.warning("a list of maps is refused: %s", error)
+            continue
+        for one in told if isinstance(told, list) else ():
+            if isinstance(one, dict) and isinstance(one.get("name"), str):
+                found.setdefault(one["name"], one)
+    return [one for _, one in sorted(found.items())]
+
+
+def _object(answer: bytes) -> dict[str, Any]:
+    try:
+        return read_object(answer, MAX_EVENT_BYTES)
+    except JsonRefusedError as error:
+        raise SourceError(f"the answer about a map cannot be read: {error}") from None
+
+
+def _counted(page: dict[str, Any]) -> int:
+    places = page.get("places")
+    return len(places) if isinstance(places, list) else 0
+
+
+def _reason(told: dict[str, Any]) -> str:
+    """What the other side says, without characters that change a terminal."""
+    return "".join(sign if sign.isprintable() else " " for sign in str(told.get("error", "no reason"))[:200])

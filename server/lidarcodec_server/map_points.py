@@ -1,0 +1,65 @@
+"""Decoded tiles for the page: positions as 32-bit floats, compressed. What was asked for last is kept, up to a limit.
+
+The page's decoder knows messages of streams and no maps, so the server decodes for it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import threading
+from collections import OrderedDict
+from typing import Final
+
+import numpy as np
+
+from lidarcodec.errors import SourceError
+from lidarcodec.maps.file import TILE_M, Head
+from lidarcodec.maps.served.manifest import Piece
+from lidarcodec.maps.served.shelf import ShelvedMap
+from lidarcodec.maps.tiles import decode_tile, points_in
+
+MOST_DRAWN: Final = 100_000
+"""Points of a tile that are handed out; of others every second, third and so on."""
+MOST_DECODED: Final = 1_000_000
+"""Tiles with more points are not drawn: they would take too much memory here."""
+MAX_BYTES: Final = 64 * 2**20
+
+
+class MapPoints:
+    """Points of tiles. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[str, int], bytes] = OrderedDict()
+        self._bytes = 0
+
+    def packed(self, shelved: ShelvedMap, tile: Piece) -> bytes:
+        """The points of a tile as gzip of (N, 3) little endian float32, metres: x and y from the corner of the tile, and
+        z of the map.
+
+        Raises SourceError if the tile cannot be read, or has more than MOST_DECODED points; DecodeError.
+        """
+        head = shelved.manifest.about.head
+        key = tile.hash, head.step_um
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        packed = gzip.compress(_points(shelved.read(tile), head), 6)
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = packed
+                self._bytes += len(packed)
+            while self._bytes > MAX_BYTES and len(self._kept) > 1:
+                self._bytes -= len(self._kept.popitem(last=False)[1])
+        return packed
+
+
+def _points(data: bytes, head: Head) -> bytes:
+    count = points_in(data)
+    if count > MOST_DECODED:
+        raise SourceError(f"the tile has {count:,} points: tiles with more than {MOST_DECODED:,} are not drawn")
+    tile = decode_tile(data, head.width, head.bits)
+    steps = tile.steps[:: -(-count // MOST_DRAWN)]
+    corner = np.array([tile.x * TILE_M, tile.y * TILE_M, 0.0])
+    return (steps * head.step_m - corner).astype("<f4").tobytes()
