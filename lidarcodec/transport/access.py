@@ -2,7 +2,8 @@
 
 A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
 reports under its own name only. An operator is a viewer who may also change settings, fetch and mark what a vehicle
-kept, and play recordings as vehicles named `playback-...`. What is not allowed is denied.
+kept, play recordings as vehicles named `playback-...`, and serve maps. Everybody may ask for maps. What is not allowed
+is denied.
 
 Two properties of that access control determine these rules. It works on links, so the side that accepts connections
 has the rules: routers, and vehicles that listen themselves. Clients of such vehicles have rules too (`vehicles_only`),
@@ -28,6 +29,9 @@ PLAYBACKS = "playback-"
 """Prefix of vehicle names for recordings that a server plays. A server is an operator; other names cannot have it."""
 Auth = Literal["certificate", "password", "none"]
 ANY = f"{PREFIX}/*/*"
+MAPS = f"{PREFIX}/@maps/**"
+"""Keys of maps. In Zenoh `*` and `**` cover no part of a key that begins with @, so rules name it."""
+EVERY_KEY = [f"{PREFIX}/**", MAPS]
 WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
 PUTTING = ["put", "delete"]
 EVERYTHING = [*PUTTING, "declare_subscriber", "query", "reply", "declare_queryable", "liveliness_token", *WATCHING]
@@ -85,14 +89,15 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
         return {"enabled": False}
     made = _Rules("cert_common_names" if auth == "certificate" else "usernames")
     made.subject("routers", [ROUTER])
-    made.allow(["routers"], (EVERYTHING, ["ingress", "egress"], [f"{PREFIX}/**"]))
+    made.allow(["routers"], (EVERYTHING, ["ingress", "egress"], EVERY_KEY))
     for name in people.vehicles:
         made.subject(f"vehicle {name}", [name])
-        made.allow([f"vehicle {name}"], *_vehicle(f"{PREFIX}/{name}/*"))
+        made.allow([f"vehicle {name}"], *_vehicle(f"{PREFIX}/{name}/*"), *_asking_for([MAPS]))
     made.subject("viewers", list(people.viewers))
     made.subject("operators", list(people.operators))
-    made.allow(["viewers", "operators"], *_looking())
-    made.allow(["operators"], *_asking(["control/set", "control/reset", "past", "past/mark"]))
+    made.allow(["viewers", "operators"], *_looking(), *_asking_for([MAPS]))
+    serving = (["declare_queryable", "reply"], ["ingress"], [MAPS]), (["query"], ["egress"], [MAPS])
+    made.allow(["operators"], *_asking(["control/set", "control/reset", "past", "past/mark"]), *serving)
     made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
@@ -110,7 +115,7 @@ def vehicles_only(vehicles: tuple[str, ...], auth: Auth) -> dict[str, Any]:
         return {"enabled": False}
     made = _Rules("cert_common_names")
     made.subject("all vehicles", list(vehicles))
-    made.allow(["all vehicles"], (EVERYTHING, ["egress"], [f"{PREFIX}/**"]))
+    made.allow(["all vehicles"], (EVERYTHING, ["egress"], EVERY_KEY), (["query"], ["ingress"], [MAPS]))
     for name in vehicles:
         made.subject(f"vehicle {name}", [name])
         made.allow([f"vehicle {name}"], (EVERYTHING, ["ingress"], [f"{PREFIX}/{name}/**"]))
@@ -152,7 +157,11 @@ def _looking() -> tuple[tuple[list[str], list[str], list[str]], ...]:
 
 
 def _asking(controls: list[str]) -> tuple[tuple[list[str], list[str], list[str]], ...]:
-    keys = _under(ANY, *controls)
+    return _asking_for(_under(ANY, *controls))
+
+
+def _asking_for(keys: list[str]) -> tuple[tuple[list[str], list[str], list[str]], ...]:
+    """Rules of those who ask others on these keys."""
     return (["query"], ["ingress"], keys), (["declare_queryable", "reply"], ["egress"], keys)
 
 

@@ -45,6 +45,7 @@ ROUTERS = (
     "snapshot",
     "recordings",
     "past",
+    "maps",
 )
 PARTS: tuple[Part, ...] = (live, past)
 

@@ -55,6 +55,7 @@ class ServerConfig(BaseModel):
     ack_limit_s:         longest time for a viewer to acknowledge a frame
     recordings:          folder of the server's recordings
     past:                folder of clips that were fetched from vehicles;  max_past_bytes: its largest size
+    maps:                folder of maps to serve;  None: there are none
     max_recordings_bytes: largest size of that folder;  max_recording_bytes, max_recording_s: limits of one recording
     """
 
@@ -92,6 +93,7 @@ class ServerConfig(BaseModel):
     ack_limit_s: float = Field(default=15.0, gt=0.0)
     recordings: Path = Field(default_factory=lambda: state_folder() / "recordings")
     past: Path = Field(default_factory=lambda: state_folder() / "past-clips")
+    maps: Path | None = None
     max_past_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recordings_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recording_bytes: int = Field(default=4 * 2**30, ge=2**20)

@@ -34,8 +34,8 @@ class MapPoints:
         self._bytes = 0
 
     def packed(self, shelved: ShelvedMap, tile: Piece) -> bytes:
-        """The points of a tile as gzip of (N, 3) little endian float32, metres: x and y from the corner of the tile, and
-        z of the map.
+        """The points of a tile as gzip of (N, 3) little endian float32, metres: x and y from the corner of the tile, z
+        of the map.
 
         Raises SourceError if the tile cannot be read, or has more than MOST_DECODED points; DecodeError.
         """
@@ -62,4 +62,4 @@ def _points(data: bytes, head: Head) -> bytes:
     tile = decode_tile(data, head.width, head.bits)
     steps = tile.steps[:: -(-count // MOST_DRAWN)]
     corner = np.array([tile.x * TILE_M, tile.y * TILE_M, 0.0])
-    return (steps * head.step_m - corner).astype("<f4").tobytes()
+    return bytes((steps * head.step_m - corner).astype("<f4").tobytes())

@@ -12,12 +12,15 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from lidarcodec.errors import SettingsError, TransportError, told
+from lidarcodec.maps.served.answers import MapAnswers
+from lidarcodec.maps.served.shelf import MapShelf
 from lidarcodec.transport import Transport, open_transport
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.fleet.control import Control
 from lidarcodec_server.fleet.fleet import Fleet, Stream
 from lidarcodec_server.limits import Limits, SparseLog
+from lidarcodec_server.map_points import MapPoints
 from lidarcodec_server.metrics.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
 from lidarcodec_server.refusals import Refusals
@@ -42,11 +45,15 @@ class Service:
     tokens:  tokens of clients;  metrics: for Prometheus;  limits: request limits of each client
     refusals: audit entries of requests above the limits
     warnings: a log for warnings that clients can cause
+    maps:    the maps that vehicles and the page may ask for;  map_points: their points, for the page
     closing: things to close before the network session, in reverse order
     """
 
     def __init__(self, config: ServerConfig, transport: Transport | None = None) -> None:
-        """transport: an open transport, which the caller closes; by default the service opens its own"""
+        """transport: an open transport, which the caller closes; by default the service opens its own
+
+        Raises SettingsError if there is no folder of maps where one is configured.
+        """
         self.config = config
         self.fleet = Fleet(config.max_streams, config.max_sensors)
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
@@ -56,6 +63,8 @@ class Service:
         self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
         self.refusals = Refusals(self.store)
+        self.maps = MapShelf([] if config.maps is None else [config.maps])
+        self.map_points = MapPoints()
         self.closing = ExitStack()
         self._transport: Transport | None = None
         self._given = transport
@@ -103,6 +112,7 @@ class Service:
                 "allow access without tokens with --open"
             )
         self.control.start()
+        self.maps.start()
         self._thread.start()
         self._opened.wait(START_S)
         self._started = self._failure is None
@@ -114,6 +124,7 @@ class Service:
         """End everything. A second call does nothing."""
         self._stop.set()
         self.control.close()
+        self.maps.close()
         self.closing.close()
         if self._thread.is_alive():
             self._thread.join(10.0)
@@ -187,6 +198,8 @@ class Service:
         if transport is None:
             transport = open_transport(self.config.endpoints, stop=self._stop)
             undone.callback(transport.close)
+        if self.config.maps is not None:
+            self.closing.callback(MapAnswers(self.maps).declare(transport).close)
         for one in (
             transport.watch(f"{PREFIX}/*/*/alive", self._publisher_changed),
             transport.listen(f"{PREFIX}/*/*/status", self._status_came),

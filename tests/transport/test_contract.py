@@ -211,3 +211,24 @@ def test_a_key_that_is_none_is_refused(network, key):
     one = network()
     with pytest.raises(TransportError):
         one.sender(key, Priority.STATUS)
+
+
+def test_queries_on_all_keys_under_one_are_answered_and_others_are_left(network):
+    office, car = network(), network()
+    office.answer_under("s/@maps/**", lambda key, data: None if "other" in key else key.encode() + data)
+    assert eventually(lambda: car.ask("s/@maps/town/3/-2", b"!") == b"s/@maps/town/3/-2!")
+    assert car.ask("s/@maps", b"") == b"s/@maps"
+    begun_s = time.monotonic()
+    assert car.ask("s/@maps/other", b"", 20.0) is None
+    assert time.monotonic() - begun_s < 10.0
+    assert office.ask("s/@maps/town", b"", 0.2) is None
+    with pytest.raises(TransportError, match="wildcards"):
+        car.ask("s/@maps/*")
+
+
+def test_all_answers_come_when_all_are_asked(network):
+    first, second, car = network(), network(), network()
+    first.answer_under("s/@maps/**", lambda key, data: b"first")
+    second.answer("s/@maps", lambda data: b"second")
+    assert eventually(lambda: sorted(car.ask_all("s/@maps")) == [b"first", b"second"])
+    assert car.ask_all("s/nobody", b"", 0.2) == []

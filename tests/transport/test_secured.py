@@ -183,6 +183,17 @@ def test_an_operator_plays_recordings_as_vehicles_of_their_own_and_as_no_other(p
     assert heard == ["lidarcodec/v1/playback-7/roof/frame"]
 
 
+def test_everybody_asks_for_maps_and_only_operators_serve_them(people):
+    olga, car, anna = people("operator-olga"), people("vehicle-car-7"), people("viewer-anna")
+    maps, tile = "lidarcodec/v1/@maps/**", "lidarcodec/v1/@maps/town/3/-2"
+    for who in (car, anna):
+        who.answer_under(maps, lambda key, data: b"forged")
+    olga.answer_under(maps, lambda key, data: b"true")
+    for who in (car, anna):
+        assert eventually(lambda who=who: who.ask(tile, b"{}", 2.0) == b"true")
+        assert who.ask_all(tile, b"{}", 2.0) == [b"true"]
+
+
 def test_a_wildcard_beyond_what_is_allowed_gets_nothing(people):
     """The trap of containment: somebody who subscribes to everything is told nothing and gets nothing."""
     car, anna = people("vehicle-car-7"), people("viewer-anna")

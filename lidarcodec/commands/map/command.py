@@ -23,9 +23,8 @@ from lidarcodec.commands.signatures.common import (
     ZenohConfig,
 )
 
-app = typer.Typer(
-    help="Build maps for localisation, make them small, and serve them.", no_args_is_help=True, rich_markup_mode=None
-)
+HELP = "Build maps for localisation, make them small, and serve them."
+app = typer.Typer(help=HELP, no_args_is_help=True, rich_markup_mode=None)
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP.lcmap", show_default=False, help="A map of `map build`.")]
 Out = Annotated[Path, Option("-o", "--out", metavar="OUT.lcmap", show_default=False, help="The map to write.")]

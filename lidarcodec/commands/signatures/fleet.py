@@ -250,6 +250,10 @@ def serve(
         float | None,
         Option("--past-gb", min=0.001, max=1e6, metavar="N", help="Size limit of that folder in GB. Default: 64."),
     ] = None,
+    maps: Annotated[
+        Path | None,
+        Option("--maps", metavar="DIR", help="Folder of maps (.lcmap) to serve to vehicles and to the page."),
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -274,6 +278,7 @@ def serve(
         keep_alive_s=keep_alive_seconds, read_s=read_seconds, recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
         past=past, max_past_bytes=None if past_gb is None else int(past_gb * 2**30),
+        maps=maps,
     )  # fmt: skip
 
 

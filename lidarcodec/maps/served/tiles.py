@@ -34,6 +34,10 @@ MARGIN_M: Final = 50.0
 Place = tuple[int, int]
 
 
+class FullError(SourceError):
+    """There is no room for the points of a tile."""
+
+
 @dataclass(frozen=True)
 class TilesState:
     """State of the tiles around the position.
@@ -231,7 +235,9 @@ class MapTiles:
         gone = self._here.keys() - {tile.place for tile in kept}
         for place in gone:
             del self._here[place]
-        self.serial += bool(gone)
+        if gone:
+            self.serial += 1
+            self._later_s = {name: at_s for name, at_s in self._later_s.items() if at_s < math.inf}
 
     def _missing(self) -> list[Piece]:
         return [tile for tile in self._wanted if tile.place not in self._here]
@@ -258,42 +264,43 @@ class MapTiles:
                 place = tile.place
                 self._busy.add(place)
                 head = self.head
-            error: Exception | None = None
-            found: Tile | None = None
             try:
                 data = self._source.read(tile)
-                if self._room_for(points_in(data)):
-                    with self._decoding:  # one at a time: it may take memory for millions of points
-                        found = decode_tile(data, head.width, head.bits)
+                with self._decoding:  # one at a time: it may take memory for millions of points
+                    self._put(tile, head, data)
             except StoppedFetchError:
                 return
             except BaseException as failure:  # a panic of native code is not an Exception
-                error = told(failure)
+                with self._condition:
+                    self._put_off(tile, told(failure))
             with self._condition:
                 self._busy.discard(place)
-                self._done(tile, head, found, error)
                 self._condition.notify_all()
 
-    def _done(self, tile: Piece, head: Head, found: Tile | None, error: Exception | None) -> None:
-        if found is not None:
-            place = found.x, found.y
-            if place != tile.place:
-                error = SourceError(f"tile {tile.tail} of map '{self.name}' is another one")
-            elif self._tiles.get(place) == tile and head == self.head:
-                self._here[place] = tile.hash, found
-                self.serial += 1
-        elif error is None:
-            error = SourceError(
+    def _put(self, tile: Piece, head: Head, data: bytes) -> None:
+        """Decode a tile, and hold it. Raises DecodeError, SourceError, FullError."""
+        if not self._room_for(points_in(data)):
+            raise FullError(
                 f"the tiles within {self._radius_m:g} m have more than {self._max_points:,} points: farther ones are "
                 "left out"
             )
-        if error is not None:
-            self._stale = self._stale or isinstance(error, ChangedMapError)
-            self._later_s[tile.hash] = time.monotonic() + AGAIN_S
-            said = str(error) if isinstance(error, LidarCodecError) else f"{type(error).__name__}: {error}"
-            if said != self._error:
-                logger.warning("%s", said)
-            self._error = said
+        found = decode_tile(data, head.width, head.bits)
+        place = found.x, found.y
+        if place != tile.place:
+            raise SourceError(f"tile {tile.tail} of map '{self.name}' is another one")
+        with self._condition:
+            if self._tiles.get(place) == tile and head == self.head:
+                self._here[place] = tile.hash, found
+                self.serial += 1
+
+    def _put_off(self, tile: Piece, error: Exception) -> None:
+        """Try a tile again later; one without room when others have gone."""
+        self._stale = self._stale or isinstance(error, ChangedMapError)
+        self._later_s[tile.hash] = math.inf if isinstance(error, FullError) else time.monotonic() + AGAIN_S
+        said = str(error) if isinstance(error, LidarCodecError) else f"{type(error).__name__}: {error}"
+        if said != self._error:
+            logger.warning("%s", said)
+        self._error = said
 
     def _room_for(self, points: int) -> bool:
         """Whether so many points more may be held."""

@@ -18,7 +18,6 @@ from lidarcodec.maps.tiles import MOST_PLACE
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.live.download import MEDIA_TYPE
-from lidarcodec_server.map_points import MapPoints
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService
 from lidarcodec_server.service import Service
@@ -26,7 +25,6 @@ from lidarcodec_server.service import Service
 router = APIRouter(prefix="/api/v1", tags=["maps"])
 
 DECODED_AT_ONCE: Final = 2
-_points = MapPoints()
 Name = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME, examples=["town"])]
 Place = Annotated[int, Path(ge=-MOST_PLACE, le=MOST_PLACE, examples=[3])]
 Position = Annotated[float | None, Query(ge=-1e8, le=1e8, allow_inf_nan=False)]
@@ -121,8 +119,8 @@ async def tile(
     form: Annotated[
         Literal["tile", "points"],
         Query(
-            description="`tile`: the bytes of the tile. `points`: its points as 32-bit floats x, y, z, little endian, in "
-            "metres, x and y from the corner of the tile; at most 100,000."
+            description="`tile`: the bytes of the tile. `points`: its points as 32-bit floats x, y, z, little "
+            "endian, in metres, x and y from the corner of the tile; at most 100,000."
         ),
     ] = "tile",
 ) -> Response:
@@ -139,7 +137,7 @@ async def tile(
         if form == "tile":
             return Response(await run_in_threadpool(shelved.read, piece), headers=headers, media_type=MEDIA_TYPE)
         limiter = _limiter(request)
-        body = await anyio.to_thread.run_sync(_points.packed, shelved, piece, limiter=limiter)
+        body = await anyio.to_thread.run_sync(service.map_points.packed, shelved, piece, limiter=limiter)
     except SourceError as error:
         raise ProblemError(507, str(error), "storage") from None
     except DecodeError as error:
