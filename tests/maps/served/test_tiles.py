@@ -1,4 +1,4 @@
-"""Tiles around a position come from files and from the network alike, go on after lost links, and nothing is trusted."""
+"""Tiles around a position come from files and from networks alike, go on after lost links, and nothing is trusted."""
 
 from __future__ import annotations
 
