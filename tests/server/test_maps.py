@@ -13,6 +13,7 @@ from lidarcodec.maps import read_map
 from lidarcodec.maps.served.sources import NetworkTiles, maps_on
 from lidarcodec.maps.served.stores import MemoryPieces
 from lidarcodec_server.app import create_app
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.maps.served.conftest import changed, write
 
@@ -113,9 +114,12 @@ async def test_a_map_that_changed_is_served_from_then_on_and_a_broken_one_is_a_p
             assert (cut.status_code, cut.json()["type"]) == (507, "urn:lidarcodec:problem:storage")
 
 
-async def test_readers_read_maps_and_strangers_do_not(serving, folder):
+async def test_readers_read_maps_and_strangers_do_not(serving, folder, config):
+    store = Store(config.database_url)
+    store.open()
+    token = create_token(store, "anna", "viewer")
+    store.close()
     async with serving(maps=folder) as client:
-        token = create_token(client.app.state.service.store, "anna", "viewer")
         for path in (MAPS, f"{MAPS}/town", f"{MAPS}/town/0/0"):
             assert (await client.get(path)).status_code == 401
             answer = await client.get(path, headers={"Authorization": f"Bearer {token}"})
