@@ -18,6 +18,7 @@ from lidarcodec.commands.convert.command import convert
 from lidarcodec.commands.cut.command import cut
 from lidarcodec.commands.evaluate import command as evaluate
 from lidarcodec.commands.join.command import join
+from lidarcodec.commands.localise.command import localise
 from lidarcodec.commands.map import command as maps
 from lidarcodec.commands.running import run as running
 from lidarcodec.commands.running.ending import WRONG_USAGE
@@ -64,7 +65,7 @@ def _common(
 for command in (
     files.info, files.doctor, files.encode, files.decode, convert, cut, join, files.verify, files.annotate, files.bench,
     files.simulate,
-    live.publish, live.subscribe, past.fetch, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
+    live.publish, live.subscribe, localise, past.fetch, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
 ):  # fmt: skip
     app.command()(command)
 

@@ -229,6 +229,10 @@ class MapReader:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file. A second call does nothing."""
         self._file.close()
 
     def tile(self, place: Place) -> Tile:

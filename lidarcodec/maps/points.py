@@ -35,6 +35,11 @@ class MapFrame:
     south: bool = False
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @property
+    def name(self) -> str:
+        """`local`, or the zone of UTM, as `UTM 32N`."""
+        return f"UTM {self.zone}{'S' if self.south else 'N'}" if self.zone else "local"
+
 
 LOCAL: Final = MapFrame()
 

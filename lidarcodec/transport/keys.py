@@ -99,6 +99,15 @@ class StreamKeys:
         """Liveliness token of the publisher."""
         return f"{self.prefix}/alive"
 
+    @property
+    def odometry(self) -> str:
+        """JSON from the vehicle, if it knows where it is: stamp and T_world_sensor."""
+        return f"{self.prefix}/odometry"
+
+    def pose(self, receiver: str = "*") -> str:
+        """JSON a scan from one receiver that finds the sensor in a map, or from all."""
+        return f"{self.prefix}/pose/{receiver if receiver == '*' else valid_name(receiver, 'receiver')}"
+
     def arrived(self, receiver: str = "*") -> str:
         """Arrival reports, and liveliness tokens, of one receiver or of all."""
         return f"{self.prefix}/arrived/{receiver if receiver == '*' else valid_name(receiver, 'receiver')}"

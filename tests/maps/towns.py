@@ -34,3 +34,23 @@ def same_points(one, other):
     ]
     rows = [found[np.lexsort(found.T)] for found in rows]
     return list(one.columns) == list(other.columns) and np.array_equal(*rows)
+
+
+def town(width_m=120.0, houses=30, seed=3, step_m=0.02, per_m2=4.0):
+    """A square with houses of all sizes and turns on a flat ground: no two places look alike."""
+    random = np.random.default_rng(seed)
+    count = int(width_m**2 * per_m2 / 2)
+    xyz = [np.column_stack([random.uniform(0, width_m, (count, 2)), random.normal(0, 0.01, count)])]
+    normals = [np.repeat([[0.0, 0.0, 1.0]], count, axis=0)]
+    for _ in range(houses):
+        middle, turn = random.uniform(0, width_m, 2), random.uniform(0, np.pi)
+        for length, way in zip(random.uniform(4, 14, 2), (turn, turn + np.pi / 2), strict=True):
+            points = int(length * 4 * per_m2)
+            along, off = random.uniform(-length / 2, length / 2, points), random.normal(0, 0.01, points)
+            ahead, aside = np.array([np.cos(way), np.sin(way)]), np.array([-np.sin(way), np.cos(way)])
+            flat = middle + along[:, None] * ahead + off[:, None] * aside
+            xyz.append(np.column_stack([flat, random.uniform(0, 4, points)]))
+            normals.append(np.repeat([[*aside, 0.0]], points, axis=0))
+    steps, chosen = np.unique(np.rint(np.concatenate(xyz) / step_m).astype(np.int64), axis=0, return_index=True)
+    a, b = packed_normals(np.concatenate(normals)[chosen])
+    return MapPoints(step_m, steps, {"normal_a": a, "normal_b": b}, length_m=width_m)

@@ -95,16 +95,25 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
     car.watch(CAR.arrived(), lambda key, alive: receivers.append(key))
     car.listen(CAR.arrived(), lambda key, data: heard.append(data))
     car.listen(CAR.report(), lambda key, data: heard.append(data))
+    car.listen(CAR.pose(), lambda key, data: heard.append(data))
+    olga.listen(CAR.pose(), lambda key, data: heard.append(b"pose for olga"))
+    anna.listen(CAR.odometry, lambda key, data: heard.append(data))
     token = car.token(CAR.alive)
     frames, status = car.sender(CAR.frame, Priority.FRAMES), car.sender(CAR.status, Priority.STATUS)
     arrived = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
     report = anna.sender(CAR.report("anna"), Priority.STATUS)
+    pose, odometry = anna.sender(CAR.pose("anna"), Priority.STATUS), car.sender(CAR.odometry, Priority.STATUS)
     anna.token(CAR.arrived("anna"))
-    for sender, data in ((frames, b"frame"), (status, b"status"), (arrived, b"arrived"), (report, b"report")):
+    for sender, data in (
+        (frames, b"frame"), (status, b"status"), (arrived, b"arrived"), (report, b"report"), (pose, b"pose"),
+        (odometry, b"odometry"),
+    ):  # fmt: skip
         assert eventually(lambda sender=sender: sender.matching), data
         sender.put(data)
     assert inbox.receive() == b"frame"
-    assert eventually(lambda: set(heard) == {b"status", b"arrived", b"report"}), heard
+    assert eventually(
+        lambda: set(heard) == {b"status", b"arrived", b"report", b"pose", b"pose for olga", b"odometry"}
+    ), heard
     assert eventually(lambda: receivers == [CAR.arrived("anna")])
     assert eventually(lambda: seen == [(CAR.alive, True)])
     asks = ((anna, CAR.control_get), (anna, CAR.control_keyframe), (olga, CAR.control_set), (olga, CAR.control_reset))
@@ -149,7 +158,7 @@ def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
     car, anna, ben = people("vehicle-car-7"), people("viewer-anna"), people("viewer-ben")
     asked, heard, receivers = [], [], []
     answering(car, CAR, asked)
-    for key in (CAR.arrived(), CAR.report()):
+    for key in (CAR.arrived(), CAR.report(), CAR.pose(), CAR.odometry):
         car.listen(key, lambda key, data: heard.append((key, data)))
     car.watch(CAR.arrived(), lambda key, alive: receivers.append(key))
     ben.listen(CAR.frame, lambda key, data: heard.append((key, data)))
@@ -158,7 +167,15 @@ def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
         assert anna.ask(key, b"{}", 0.5) is None
     own = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
     assert eventually(lambda: own.matching)
-    for key in (CAR.frame, CAR.status, CAR.arrived("ben"), CAR.report("ben"), CAR.arrived("server")):
+    for key in (
+        CAR.frame,
+        CAR.status,
+        CAR.arrived("ben"),
+        CAR.report("ben"),
+        CAR.pose("ben"),
+        CAR.odometry,
+        CAR.arrived("server"),
+    ):
         anna.sender(key, Priority.STATUS).put(b"forged")
     anna.token(CAR.arrived("ben"))
     anna.token(CAR.alive)

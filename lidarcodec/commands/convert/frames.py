@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -146,20 +147,35 @@ def receive(key: str, wanted: Wanted, endpoints: Endpoints, mount: Mounting | No
         _write(key, _Streamed(stream, key, mount), wanted)
 
 
+@contextmanager
+def frames_of_source(
+    spec: str,
+    calibration: Path | None,
+    poses: Path | None = None,
+    mounted: Mounted = NOT_SAID,
+    *,
+    posed: bool = False,
+) -> Iterator[Frames]:
+    """Frames of any source. Of a recording of messages they are the decoded frames. posed: whether to take its poses"""
+    parsed = parse(spec)
+    if kind_of(parsed) == "recording" and not parsed.options and calibration is None:
+        yield _Recorded(parsed.path, poses, mounted)
+        return
+    with open_source(spec, calibration=calibration, poses=poses) as source:
+        mounted.given_to(source)
+        yield _Read(source, posed=posed)
+
+
 def convert(
     spec: str, wanted: Wanted, calibration: Path | None, poses: Path | None, mounted: Mounted = NOT_SAID
 ) -> None:
     """Write frames of any source. Of a recording of messages they are the decoded frames."""
     wanted.check()
     check_finite(spec, wanted.selection.frames, live_too=False)
-    parsed = parse(spec)
     check_not_input(wanted.out, spec)
-    if kind_of(parsed) == "recording" and not parsed.options and calibration is None:
-        decode(parsed.path, wanted, poses, mounted)
-        return
-    with open_source(spec, calibration=calibration, poses=poses) as source:
-        mounted.given_to(source)
-        _write(spec, _Read(source, posed=wanted.placing.merge or poses is not None), wanted)
+    posed = wanted.placing.merge or poses is not None
+    with frames_of_source(spec, calibration, poses, mounted, posed=posed) as frames:
+        _write(spec, frames, wanted)
 
 
 def decode(recording: Path, wanted: Wanted, poses: Path | None = None, mounted: Mounted = NOT_SAID) -> None:

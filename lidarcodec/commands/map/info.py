@@ -25,7 +25,6 @@ def run(source: Path, as_json: bool) -> None:
                 high = [max(a, float(b)) for a, b in zip(high, tile.steps.max(axis=0) * head.step_m, strict=True)]
         except DecodeError as error:
             raise SourceError(f"cannot read the map {source}: {error}") from None
-        utm = f"UTM {head.frame.zone}{'S' if head.frame.south else 'N'}"
         found: dict[str, Any] = {
             "points": len(reader),
             "bytes": size,
@@ -36,7 +35,7 @@ def run(source: Path, as_json: bool) -> None:
             "tile_m": TILE_M,
             "step_m": head.step_m,
             "columns": list(head.columns),
-            "frame": utm if head.frame.zone else "local",
+            "frame": head.frame.name,
             "origin": list(head.frame.origin) if head.frame.zone else None,
             "least_m": [round(value, 3) for value in low] if places else None,
             "most_m": [round(value, 3) for value in high] if places else None,

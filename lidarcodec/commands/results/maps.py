@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NotRequired
+from typing import Annotated, Any, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -80,3 +80,27 @@ class MapFetched(TypedDict):
     points: Annotated[int, "points in the output"]
     bytes: Annotated[int, "size of the output"]
     bytes_received: Annotated[int, "bytes of tiles that came over the network"]
+
+
+class Located(TypedDict):
+    """Of `localise`."""
+
+    stream: Annotated[str, "VEHICLE/SENSOR, or the source"]
+    map: Annotated[str, "the file of the map"]
+    scans: Annotated[int, "scans taken"]
+    tracked: Annotated[int, "scans whose pose was found"]
+    state: Annotated[str, "`searching`, `tracking` or `lost`, at the end"]
+    first_fix_s: Annotated[float | None, "seconds from the first scan to the first pose; null without one"]
+    first_fix_scans: Annotated[int | None, "number of scans until then"]
+    lost: Annotated[int, "how often the position was lost"]
+    searches: Annotated[int, "searches over the whole map"]
+    given_up: Annotated[int, "searches that took too long"]
+    sigma_m: Annotated[float | None, "median standard deviation of the position, in its worst direction"]
+    share: Annotated[float | None, "median share of a scan's returns that lie in the map"]
+    pose: Annotated[list[float] | None, "the last pose: the upper three rows of T_world_sensor, row by row"]
+    stamp_ns: Annotated[int | None, "its host time"]
+    track_ms: Annotated[dict[str, float | None], "processor time to track a scan: p50, p99"]
+    process_ms: Annotated[float | None, "processor time of the whole process for each scan, decoding included"]
+    damaged_tiles: Annotated[int, "tiles of the map that could not be decoded"]
+    output: Annotated[str | None, "of `--out`: the file of poses"]
+    received: Annotated[dict[str, Any] | None, "how a live stream was received, as of `subscribe`"]

@@ -1,0 +1,1 @@
+"""`lidarcodec localise`: finds a sensor in a map, scan by scan."""

@@ -1,0 +1,1 @@
+"""Finds a sensor in a map. window: the tiles around it; tracker: its pose, scan by scan; search: its first pose."""
