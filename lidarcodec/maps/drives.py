@@ -108,10 +108,11 @@ def world_scans(drives: Sequence[DriveSpec], tick: Tick = lambda: None) -> Itera
         if given is None:
             yield _by_found(drive, found_trajectory(drive, tick))
         else:
-            yield _by_given(drive, given)
+            yield by_given(drive, given)
 
 
-def _by_given(drive: DriveSpec, poses: Poses) -> Iterator[Seen]:
+def by_given(drive: DriveSpec, poses: Poses) -> Iterator[Seen]:
+    """The scans of a drive in the world, by poses that are known. Raises SourceError if they do not cover a scan."""
     for scan in drive.scans():
         yield _seen(scan, Trajectory.from_poses(poses, [scan.stamp_ns]), 0)
 

@@ -33,7 +33,7 @@ def compress(value: dict[str, Any], source: Store, target: Store) -> dict[str, A
     }
     known = About(value["vehicle"], value["sensor"], value["origin"], value["segment"], about)
     encoder = StreamEncoder(settings_from(value["settings"]), known.stream_id)
-    with opened(source, one) as packets, scratch_folder() as folder:
+    with opened(source, one, posed=True) as packets, scratch_folder() as folder:
         encoder.prepare(packets.sensor)
         frames = frames_of(
             packets_in(packets.packets(), segment),

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lidarcodec.archive.inputs import SENSOR, VEHICLE, Input
-from lidarcodec.archive.scratch import local
+from lidarcodec.archive.scratch import KEPT, local
 from lidarcodec.archive.stores.base import Entry, Store
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
 from lidarcodec.settings import is_name
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.recording import RecordingSource
 
 
@@ -36,14 +41,17 @@ def made_from(found: dict[str, Any], source: Store) -> Input | None:
 
 
 @contextmanager
-def opened(store: Store, one: Input) -> Iterator[PacketSource]:
-    """The packets of an input; with `NAME_poses.npz` beside it, its poses too.
+def opened(store: Store, one: Input, *, posed: bool = False) -> Iterator[PacketSource]:
+    """The packets of an input.
 
+    posed: with their poses: those of `NAME_poses.npz` beside it, otherwise those that a recording has
     Raises SourceError and others if it cannot be read, OSError if the store fails.
     """
     path = local(store, one)
     poses = _poses(path, one)
     with open_source(path, poses=poses) as source:
+        if posed and isinstance(source, RecordingSource) and source.channel == "messages" and source.poses is None:
+            source.poses = _recorded_poses(path, path.stat().st_mtime_ns)
         yield source
 
 
@@ -55,6 +63,20 @@ def named(source: PacketSource, one: Input) -> tuple[str, str]:
             about = RecordingReader(file, warn=False).metadata
         vehicle, sensor = about.get("vehicle", vehicle), about.get("sensor", sensor)
     return (vehicle if is_name(vehicle) else VEHICLE), (sensor if is_name(sensor) else SENSOR)
+
+
+@lru_cache(maxsize=KEPT)
+def _recorded_poses(path: Path, changed_ns: int) -> Poses | None:
+    """Poses in the messages of a recording; None if there are none. The next segments of the input need them, too."""
+    del changed_ns
+    known: dict[int, Any] = {}
+    for frame in RecordedFrames(path):
+        if frame.pose is not None:
+            known[frame.stamp_ns] = frame.pose
+        elif not known:  # the first frame has none: neither have the others
+            return None
+    stamps = sorted(known)
+    return Poses(np.array(stamps, np.int64), np.stack([known[stamp] for stamp in stamps])) if known else None
 
 
 def _poses(path: Path, one: Input) -> Path | None:

@@ -1,4 +1,4 @@
-"""The job `recompress`: encodes a recording of the archive with other settings.
+"""The jobs `recompress` and `reduce`: encode a recording of the archive with other settings.
 
 The new segment replaces the old one in one step, by its commit. What the old one's error bound lost stays lost.
 """
@@ -16,13 +16,15 @@ from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.recorded import RecordedFrames
-from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.pipeline import StreamEncoder, check_offline
 from lidarcodec.settings import settings_from
 from lidarcodec.wire.header import MAJOR, MINOR
 
 
 def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
     """Encode a segment again. value: `commit` (fields of Commit), `settings`, `delete_old`, `dry`
+
+    `settings` are all of them, or with `adds` those that are added to the settings of the segment.
 
     `older` has the segments that this one replaced (fields of each), if their recordings are still there.
 
@@ -33,16 +35,17 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
     commit = Commit(*value["commit"])
     found = read_commit(target, commit)
     older = [read_commit(target, Commit(*one)) for one in value.get("older", ())]
-    if found["settings"] == value["settings"]:
+    settings = found["settings"] | value["settings"] if value.get("adds") else value["settings"]
+    if found["settings"] == settings:
         if older and not value["dry"]:
             _delete(older, found, target)
         return {"unchanged": 1}
     if value["dry"]:
         return {"bytes_before": found["bytes"], "frames": found["frames"]}
-    segment = id_of("recompress", commit.segment, found["sha256"], value["settings"], [MAJOR, MINOR])
+    segment = id_of("recompress", commit.segment, found["sha256"], settings, [MAJOR, MINOR])
     about = {"job": "recompress", "input": found["object"], "not_kept": found["not_kept"]}
     known = About(commit.vehicle, commit.sensor, commit.segment, segment, about)
-    encoder = StreamEncoder(settings_from(value["settings"]), known.stream_id)
+    encoder = StreamEncoder(check_offline(settings_from(settings)), known.stream_id)
     with scratch_folder() as folder:
         old = folder / "old.mcap"
         target.download(found["object"], old)

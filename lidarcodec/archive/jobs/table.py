@@ -13,18 +13,23 @@ from typing import Any, Final, Literal, Protocol, cast
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import UnknownNameError
 
-Each = Literal["input", "segment", "archive"]
+Each = Literal["input", "segment", "square", "archive"]
+
+
+def _set(names: str) -> frozenset[str]:
+    return frozenset(names.split())
 
 
 @dataclass(frozen=True)
 class Job:
     """A job.
 
-    each: what a task is for: an input of IN, a segment of the archive, or the whole archive. That is no task: it runs
-        in the command's own process
+    each: what a task is for: an input of IN, a segment of the archive, a square of the ground, or the whole archive.
+        The last is no task: it runs in the command's own process
     work: module and function
     takes: options of `archive run` that it knows
     changes: whether it makes segments, so that tables are joined at its end
+    leaves: whether IN is the archive, and OUT a folder or bucket for what is made of it; otherwise OUT is the archive
     previews: whether its tasks know `dry`, and then only say what they would do
     """
 
@@ -33,17 +38,23 @@ class Job:
     takes: frozenset[str] = frozenset()
     changes: bool = False
     previews: bool = False
+    leaves: bool = False
 
 
 _HERE: Final = "lidarcodec.archive.jobs."
-_RENEW: Final = frozenset({"settings", "before", "delete_old", "dry_run"})
+_COMMANDS: Final = "lidarcodec.commands.archive.jobs."
 
 JOBS: Final[dict[str, Job]] = {
-    "compress": Job("input", f"{_HERE}compress:compress", frozenset({"settings", "seconds", "keep_both", "dry_run"}),
-                    changes=True),
-    "recompress": Job("segment", f"{_HERE}recompress:recompress", _RENEW, changes=True, previews=True),
-    "verify": Job("segment", f"{_HERE}verify:verify", frozenset({"dry_run"})),
+    "compress": Job("input", f"{_HERE}compress:compress", _set("settings seconds keep_both dry_run"), changes=True),
+    "recompress": Job("segment", f"{_HERE}recompress:recompress", _set("settings policy before delete_old dry_run"),
+                      changes=True, previews=True),
+    "reduce": Job("segment", f"{_HERE}recompress:recompress", _set("settings before delete_old dry_run"),
+                  changes=True, previews=True),
+    "verify": Job("segment", f"{_HERE}verify:verify", _set("dry_run")),
+    "convert": Job("segment", f"{_COMMANDS}convert:convert", _set("as dry_run"), leaves=True),
+    "map": Job("square", f"{_COMMANDS}map:build_map", _set("dry_run"), leaves=True),
     "index": Job("archive", f"{_HERE}joining:join_tables"),
+    "stats": Job("archive", f"{_HERE}stats:stats"),
 }  # fmt: skip
 CUT: Final = f"{_HERE}cutting:cut_input"
 """What comes before the job of an input."""

@@ -32,7 +32,12 @@ def run(
     ],
     archive: Annotated[str, typer.Argument(metavar="OUT", show_default=False, help="The archive: folder or bucket.")],
     job: Annotated[
-        str, Option("--job", metavar="NAME", help="What to do: compress, verify, recompress or index.")
+        str,
+        Option(
+            "--job",
+            metavar="NAME",
+            help="What to do: compress, verify, recompress, reduce, convert, map, index or stats.",
+        ),
     ] = "compress",
     codec: CodecName = None,
     pairs: Pairs = None,
@@ -63,9 +68,15 @@ def run(
     ] = None,
     timeout: Annotated[
         float | None,
-        Option(
-            "--timeout", min=1.0, metavar="S", help="A task that takes longer is ended and tried again. Default: 1800."
-        ),
+        Option("--timeout", min=1.0, metavar="S", help="A longer task is ended and tried again. Default: 1800."),
+    ] = None,
+    policy: Annotated[
+        Path | None,
+        Option("--policy", metavar="FILE", help="Rules in TOML: which settings after how many days (recompress)."),
+    ] = None,
+    form: Annotated[
+        str | None,
+        Option("--as", metavar="NAME", help="Format: rosbag, laz, pcd, kitti and others of `convert` (convert)."),
     ] = None,
     before: Annotated[
         str | None, Option("--before", metavar="TIME", help="Only segments that ended before this time (recompress).")
@@ -90,8 +101,8 @@ def run(
     from lidarcodec.commands.archive import run as command
 
     wanted = command.Wanted(
-        job, codec, pairs or [], seconds, keep_both, before, delete_old, dry_run, repair, workers, processes, scheduler,
-        timeout,
+        job, codec, pairs or [], seconds, keep_both, policy, form, before, delete_old, dry_run, repair, workers,
+        processes, scheduler, timeout,
     )  # fmt: skip
     if not command.run(source, archive, wanted, as_json):
         raise typer.Exit(FAILED)

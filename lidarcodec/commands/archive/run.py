@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.archive.archive import time_ns
@@ -13,12 +16,15 @@ from lidarcodec.archive.engines.table import WORKERS, check_engine, make_engine
 from lidarcodec.archive.index import index
 from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
 from lidarcodec.archive.names import Commit
-from lidarcodec.archive.plan import CompressPlan, SegmentPlan, archive_settings
+from lidarcodec.archive.plan import Choice, CompressPlan, SegmentPlan, archive_settings
+from lidarcodec.archive.policy import Policy
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.segments import SECONDS
+from lidarcodec.archive.squares import MapPlan
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.archive.table import check_extra
+from lidarcodec.commands.archive.jobs.convert import check_form, stem_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -31,12 +37,13 @@ log = logging.getLogger(__name__)
 
 NUMBERS: Final = (
     "inputs", "finished", "other_settings", "unfinished", "changed", "tasks", "segments", "frames", "packet_bytes",
-    "bytes", "bytes_before", "unchanged", "compared", "joined", "removed", "tried_again", "done_twice",
+    "bytes", "bytes_before", "unchanged", "compared", "points", "joined", "removed", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
+_REDUCING: Final = {"reduction", "keep_points", "keep_fraction"}
 _WORKING: Final = ("workers", "processes", "scheduler", "timeout")
 
 
@@ -49,6 +56,8 @@ class Wanted:
     pairs: list[str]
     seconds: float | None
     keep_both: bool
+    policy: Path | None
+    form: str | None
     before: str | None
     delete_old: bool
     dry_run: bool
@@ -67,6 +76,10 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
         raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
     result = _nothing(wanted)
     if wanted.repair:
+        if job.leaves:
+            raise SettingsError(
+                f"--repair is not for --job {wanted.job}: it repairs an archive, and OUT is none", "repair"
+            )
         result["repaired"] = dict(repair(target, inputs))
     if job.each == "archive":
         result |= work_of(wanted.job)({}, inputs, target)
@@ -94,6 +107,8 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
         "settings": wanted.codec or wanted.pairs,
         "seconds": wanted.seconds,
         "keep_both": wanted.keep_both,
+        "policy": wanted.policy,
+        "as": wanted.form,
         "before": wanted.before,
         "delete_old": wanted.delete_old,
         "dry_run": wanted.dry_run,
@@ -104,33 +119,76 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
             raise SettingsError(f"{word} only for --job {', '.join(takers(name))}, not for {wanted.job}", name)
     if wanted.repair and wanted.dry_run:
         raise SettingsError("--repair removes objects: give it without --dry-run")
-    if wanted.job == "recompress" and not given["settings"]:
-        raise SettingsError("--job recompress needs the new settings: --codec or --set")
+    if wanted.job == "recompress" and bool(given["settings"]) == (wanted.policy is not None):
+        raise SettingsError("--job recompress needs the new settings: --codec and --set, or --policy FILE")
+    if wanted.policy is not None and wanted.before is not None:
+        raise SettingsError("--before is not for --policy: each of its rules has after_days", "before")
+    if wanted.job == "convert":
+        if wanted.form is None:
+            raise SettingsError("--job convert needs a format: --as NAME", "as")
+        check_form(wanted.form)
     working = [name for name in _WORKING if getattr(wanted, name) is not None]
     if job.each == "archive" and working:
         raise SettingsError(f"--{working[0]} is not for --job {wanted.job}: it runs in this process", working[0])
     check_extra()
     check_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
-    return job, archive_settings(check_offline(one_setting(wanted.codec, wanted.pairs)))
+    settings = check_offline(one_setting(wanted.codec, wanted.pairs))
+    other = {pair.partition("=")[0].strip() for pair in wanted.pairs} - _REDUCING
+    if wanted.job == "reduce" and (not settings.reduces or wanted.codec or other):
+        raise SettingsError("--job reduce takes reduction=NAME and keep_points or keep_fraction, and nothing else")
+    if wanted.policy is not None:
+        Policy.of(wanted.policy, 0, _made)
+    return job, archive_settings(settings)
 
 
 def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings) -> Plan:
     if wanted.job == "compress":
         return CompressPlan(source, target, settings, wanted.seconds or SECONDS, keep_both=wanted.keep_both)
+    if wanted.job == "map":
+        return MapPlan(source, target)
     if wanted.job == "verify":
+        done = _named_in(target, "verified/", lambda commit: f"verified/{commit.segment}.json")
+        return SegmentPlan("verify", source, target, lambda _: {}, done=done)
+    if wanted.job == "convert":
+        form = str(wanted.form)
+        done = _named_in(target, f"{form}/", lambda commit: f"{stem_of(form, commit)}.json")
+        return SegmentPlan("convert", source, target, lambda _: {"as": form}, archive=source, done=done)
+    return SegmentPlan(wanted.job, source, target, _chosen(wanted, settings), clears=wanted.delete_old)
 
-        def verified() -> Callable[[Commit], bool]:
-            names = {entry.name for entry in target.entries("verified/")}
-            return lambda commit: f"verified/{commit.segment}.json" in names
 
-        return SegmentPlan("verify", source, target, lambda _: {}, done=verified)
+def _named_in(store: Store, folder: str, name: Callable[[Commit], str]) -> Callable[[], Callable[[Commit], bool]]:
+    """Whether an object says that a segment was done, by one listing."""
+
+    def listed() -> Callable[[Commit], bool]:
+        names = {entry.name for entry in store.entries(folder)}
+        return lambda commit: name(commit) in names
+
+    return listed
+
+
+def _chosen(wanted: Wanted, settings: StreamSettings) -> Choice:
+    """What `recompress` and `reduce` make of a segment."""
+    more: dict[str, Any] = {"delete_old": wanted.delete_old, "dry": wanted.dry_run}
+    if wanted.policy is not None:
+        policy = Policy.of(wanted.policy, time.time_ns(), _made)
+
+        def by_policy(commit: Commit) -> dict[str, Any] | None:
+            found = policy.settings_for(commit)
+            return None if found is None else more | {"settings": found}
+
+        return by_policy
+    if wanted.job == "reduce":
+        more |= {"settings": settings.model_dump(mode="json", include=_REDUCING), "adds": True}
+    else:
+        more |= {"settings": settings.model_dump(mode="json")}
     before_ns = None if wanted.before is None else time_ns(wanted.before)
-    more = {"settings": settings.model_dump(mode="json"), "delete_old": wanted.delete_old, "dry": wanted.dry_run}
+    return lambda commit: more if before_ns is None or commit.last_ns < before_ns else None
 
-    def chosen(commit: Commit) -> dict[str, Any] | None:
-        return more if before_ns is None or commit.last_ns < before_ns else None
 
-    return SegmentPlan(wanted.job, source, target, chosen, clears=wanted.delete_old)
+def _made(codec: str | None, values: Mapping[str, Any]) -> StreamSettings:
+    """Settings of a rule, as those of `--codec` and `--set`."""
+    pairs = [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in values.items()]
+    return archive_settings(check_offline(one_setting(codec, pairs)))
 
 
 def _driven(wanted: Wanted, plan: Plan, target: Store) -> Outcome:
@@ -160,7 +218,7 @@ def _joined(target: Store) -> dict[str, int]:
 def _nothing(wanted: Wanted) -> dict[str, Any]:
     """The result of a run that did nothing."""
     numbers = dict.fromkeys(NUMBERS, 0)
-    lists: dict[str, list[Any]] = {"aside": [], "left": [], "broken": []}
+    lists: dict[str, list[Any]] = {"aside": [], "left": [], "broken": [], "stats": []}
     return {"job": wanted.job} | numbers | {"repaired": {}} | lists | {"dry_run": wanted.dry_run}
 
 
@@ -180,6 +238,21 @@ def _text(result: dict[str, Any]) -> str:
                if result[name] or name in ("inputs", "finished")]  # fmt: skip
     numbers += [f"{number:,} removed by --repair: {name}" for name, number in result["repaired"].items()]
     numbers += [f"{len(result[name]):,} {said}" for name, said in _SAID.items() if result[name]]
+    lines = [_line(row) for row in result["stats"]]
+    if result["job"] == "stats":
+        return "\n".join(lines or ["the archive is empty"])
     return "\n".join(
         [", ".join(numbers), *(f"BROKEN {one['object']}: {'; '.join(one['broken'])}" for one in result["broken"])]
+    )
+
+
+def _line(row: dict[str, Any]) -> str:
+    """Numbers of a vehicle, a sensor and a codec in a line."""
+    hours = (row["last_ns"] - row["first_ns"]) / 3.6e12
+    packets, size = row["packet_bytes"] or 0, row["bytes"] or 0
+    ratio = f", {packets / size:.1f} times smaller" if packets and size else ""
+    bound = "" if row["bound_m"] is None else f", within {row['bound_m'] * 100:g} cm"
+    return (
+        f"{row['vehicle']}/{row['sensor']} {row['codec']}: {row['segments']:,} segments, {row['frames']:,} frames "
+        f"within {hours:.1f} h, {size / 1e9:.3f} GB{ratio}{bound}"
     )

@@ -21,6 +21,23 @@ class FoundBroken(TypedDict):
     broken: Annotated[list[str], "what is wrong, one sentence each"]
 
 
+class ArchiveStats(TypedDict):
+    """What an archive holds of a vehicle, a sensor and a codec."""
+
+    vehicle: Annotated[str, "its name"]
+    sensor: Annotated[str, "its name"]
+    codec: Annotated[str, "the codec"]
+    segments: Annotated[int, "number of segments"]
+    frames: Annotated[int, "number of frames"]
+    first_ns: Annotated[int, "time of the first frame, ns since the Unix epoch"]
+    last_ns: Annotated[int, "of the last frame"]
+    points: Annotated[int | None, "returns"]
+    packet_bytes: Annotated[int | None, "bytes of the packets"]
+    bytes: Annotated[int | None, "bytes after coding"]
+    bound_m: Annotated[float | None, "largest allowed error of a range"]
+    error_m: Annotated[float | None, "largest measured error of a range"]
+
+
 class ArchiveRun(TypedDict):
     """Of `archive run`. Numbers are of this run alone; what earlier runs did is counted in `finished`."""
 
@@ -40,6 +57,7 @@ class ArchiveRun(TypedDict):
     bytes_before: Annotated[int, "of recompress: bytes of the recordings that were replaced, or would be"]
     unchanged: Annotated[int, "of recompress: segments that had the settings already"]
     compared: Annotated[int, "of verify: segments that were compared with their input; it must be there as it was"]
+    points: Annotated[int, "of map: points of the maps that were written"]
     joined: Annotated[int, "joined tables that were written"]
     removed: Annotated[int, "joined tables that were removed, because they were not used any more"]
     tried_again: Annotated[int, "tasks that failed and were tried again"]
@@ -48,6 +66,7 @@ class ArchiveRun(TypedDict):
     aside: Annotated[list[NotDone], "what was set aside in this run"]
     left: Annotated[list[NotDone], "what a store did not allow; the next run tries it again"]
     broken: Annotated[list[FoundBroken], "of verify: broken recordings"]
+    stats: Annotated[list[ArchiveStats], "of stats: a row for each vehicle, sensor and codec"]
     dry_run: Annotated[bool, "whether nothing was written"]
 
 
