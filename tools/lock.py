@@ -31,6 +31,7 @@ LOCKS: dict[str, tuple[str, ...]] = {
     "base": FORMATS,
     "server": (*FORMATS, "server"),
     "image-server": (*FORMATS, "server", "postgres"),
+    "image-archive": (*FORMATS, "archive", "cluster"),
     "dev": ("dev",),
 }
 """Name of the lock -> extras of pyproject.toml in it."""

@@ -76,7 +76,7 @@ def place_of(frame: Frame) -> dict[str, Any]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Write rows, each with all columns but `time`, as a Parquet file."""
+    """Write rows, each with all columns but `time`, as a Parquet file. Raises OSError if the disk fails."""
     import duckdb
 
     lines = path.with_suffix(".jsonl")
@@ -88,6 +88,8 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
                 f"COPY (SELECT {_SELECT} FROM read_json({text_of(lines)}, format = 'newline_delimited', "
                 f"columns = {types})) TO {text_of(path)} (FORMAT parquet, COMPRESSION zstd)"
             )
+    except duckdb.IOException as error:
+        raise OSError(str(error).splitlines()[0]) from None
     finally:
         lines.unlink(missing_ok=True)
 

@@ -198,3 +198,17 @@ def test_a_listing_is_in_the_order_of_object_stores(tmp_path):
     assert [entry.name for entry in store.entries()] == sorted(names)
     for after in names:
         assert [entry.name for entry in store.entries(after=after)] == [name for name in sorted(names) if name > after]
+
+
+def test_a_full_disk_is_an_error_of_the_store(tmp_path, monkeypatch):
+    """It may have room later: what a segment meets there is no reason to set it aside."""
+    store = FolderStore(tmp_path)
+
+    def full(self, *_):
+        raise SourceError("cannot write: No space left on device")
+
+    monkeypatch.setattr("lidarcodec.archive.stores.folder.whole", full)
+    with pytest.raises(OSError, match="No space left"):
+        store.create("a", b"1")
+    with pytest.raises(OSError, match="No space left"):
+        store.upload("a", [b"1"])

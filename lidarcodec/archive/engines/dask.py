@@ -12,6 +12,8 @@ from lidarcodec.errors import SourceError
 _AHEAD: Final = 2
 """Tasks a thread of the cluster that are handed out, so that no thread waits for the next one."""
 _CONNECT_S: Final = 10.0
+_GONE_S: Final = 60.0
+"""A scheduler may be away for so long, as when it is started again."""
 
 
 class DaskEngine:
@@ -32,16 +34,19 @@ class DaskEngine:
         except (OSError, TimeoutError, ValueError) as error:
             raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None
         self.slots = _AHEAD * max(1, sum(self._client.nthreads().values()))
-        self._timeout_s = timeout_s
+        self._timeout_s, self._address = timeout_s, address
+        self._seen_s = time.monotonic()
         self._done: SimpleQueue[Any] = SimpleQueue()
         self._running: dict[Any, tuple[Task, float]] = {}
 
     def submit(self, task: Task) -> None:
+        self._check()
         future = self._client.submit(work, task, pure=False, retries=0)
         self._running[future] = task, time.monotonic()
         future.add_done_callback(self._done.put)
 
     def ended(self, wait_s: float) -> list[Ended]:
+        self._check()
         found = []
         try:
             future = self._done.get(timeout=wait_s) if self._running else None
@@ -57,6 +62,14 @@ class DaskEngine:
                 future.cancel()
                 found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
         return found
+
+    def _check(self) -> None:
+        """Raise OSError if the scheduler is gone for long. One that is started again meanwhile gets the tasks again."""
+        now_s = time.monotonic()
+        if self._client.status == "running":
+            self._seen_s = now_s
+        if self._client.status == "closed" or now_s - self._seen_s > _GONE_S:
+            raise OSError(f"the Dask scheduler at {self._address} is gone: run the same command again to continue")
 
     def _end(self, future: Any) -> Ended:
         task, _ = self._running.pop(future)

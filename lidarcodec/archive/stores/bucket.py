@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from lidarcodec.archive.stores.base import Entry, Store, check_name
 from lidarcodec.errors import SourceError
@@ -14,6 +15,10 @@ from lidarcodec.errors import SourceError
 _PAGE: Final = 1000
 _RETRIES: Final[Any] = {"max_retries": 8, "retry_timeout": timedelta(seconds=90)}
 """Repetitions of a request that the store may answer later (errors 500 and 503, cut connections)."""
+
+_PAUSES_S: Final = (0.5, 2.0)
+"""Before a read is repeated whose answer was cut."""
+Result = TypeVar("Result")
 
 
 class BucketStore(Store):
@@ -47,13 +52,16 @@ class BucketStore(Store):
                     yield _entry(found)
 
     def read(self, name: str, start: int = 0, length: int | None = None) -> bytes:
+        if length is None and start:
+            raise ValueError("a range has a length")
+        return self._again(lambda: self._read(name, start, length))
+
+    def _read(self, name: str, start: int, length: int | None) -> bytes:
         import obstore
 
         with self._errors(name):
-            if length is None and not start:
-                return bytes(obstore.get(self._store, check_name(name)).bytes())
             if length is None:
-                raise ValueError("a range has a length")
+                return bytes(obstore.get(self._store, check_name(name)).bytes())
             return bytes(obstore.get_range(self._store, check_name(name), start=start, length=length))
 
     def create(self, name: str, data: bytes | Path) -> bool:
@@ -89,11 +97,26 @@ class BucketStore(Store):
             return None
 
     def download(self, name: str, path: Path) -> None:
+        self._again(lambda: self._download(name, path))
+
+    def _download(self, name: str, path: Path) -> None:
         import obstore
 
         with self._errors(name), path.open("wb") as file:
             for chunk in obstore.get(self._store, check_name(name)):
                 file.write(chunk)
+
+    @staticmethod
+    def _again(read: Callable[[], Result]) -> Result:
+        """What `read` returns. obstore repeats requests, but no answer that was cut in its middle."""
+        for pause_s in _PAUSES_S:
+            try:
+                return read()
+            except FileNotFoundError:
+                raise
+            except OSError:
+                time.sleep(pause_s)
+        return read()
 
     @contextmanager
     def _errors(self, name: str) -> Iterator[None]:

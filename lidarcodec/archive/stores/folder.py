@@ -48,18 +48,21 @@ class FolderStore(Store):
             with whole(path) as output, output.beside.open("wb") as file:
                 for chunk in (data,) if isinstance(data, bytes) else _pieces(data):
                     file.write(chunk)
-        except (SettingsError, SourceError):
+        except (SettingsError, SourceError) as error:
             if os.path.lexists(path):  # another process was faster
                 return False
-            raise
+            raise OSError(str(error)) from None  # a full disk: it may have room later
         return True
 
     def upload(self, name: str, chunks: Iterable[bytes]) -> None:
         path = self._path(name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path, force=True) as output, output.beside.open("wb") as file:
-            for chunk in chunks:
-                file.write(chunk)
+        try:
+            with whole(path, force=True) as output, output.beside.open("wb") as file:
+                for chunk in chunks:
+                    file.write(chunk)
+        except (SettingsError, SourceError) as error:
+            raise OSError(str(error)) from None
 
     def delete(self, name: str) -> None:
         self._path(name).unlink(missing_ok=True)
