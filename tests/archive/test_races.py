@@ -204,7 +204,7 @@ def test_a_full_disk_is_an_error_of_the_store(tmp_path, monkeypatch):
     """It may have room later: what a segment meets there is no reason to set it aside."""
     store = FolderStore(tmp_path)
 
-    def full(self, *_):
+    def full(*_, **__):
         raise SourceError("cannot write: No space left on device")
 
     monkeypatch.setattr("lidarcodec.archive.stores.folder.whole", full)

@@ -17,7 +17,7 @@ _RETRIES: Final[Any] = {"max_retries": 8, "retry_timeout": timedelta(seconds=90)
 """Repetitions of a request that the store may answer later (errors 500 and 503, cut connections)."""
 
 _PAUSES_S: Final = (0.5, 2.0)
-"""Before a read is repeated whose answer was cut."""
+"""Before a request is repeated whose answer was cut."""
 Result = TypeVar("Result")
 
 
@@ -43,6 +43,22 @@ class BucketStore(Store):
             raise SourceError(f"{url} cannot be opened: {_told(error)}") from None
 
     def entries(self, prefix: str = "", after: str = "") -> Iterator[Entry]:
+        pauses_s = list(_PAUSES_S)
+        while True:
+            try:
+                for entry in self._listed(prefix, after):
+                    yield entry
+                    after = entry.name
+            except FileNotFoundError:
+                raise
+            except OSError:
+                if not pauses_s:
+                    raise
+                time.sleep(pauses_s.pop(0))
+            else:
+                return
+
+    def _listed(self, prefix: str, after: str) -> Iterator[Entry]:
         import obstore
 
         with self._errors(prefix):
@@ -65,6 +81,10 @@ class BucketStore(Store):
             return bytes(obstore.get_range(self._store, check_name(name), start=start, length=length))
 
     def create(self, name: str, data: bytes | Path) -> bool:
+        """As of Store. It may also return False if an earlier attempt, whose answer was cut, created the object."""
+        return self._again(lambda: self._create(name, data))
+
+    def _create(self, name: str, data: bytes | Path) -> bool:
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
@@ -107,16 +127,16 @@ class BucketStore(Store):
                 file.write(chunk)
 
     @staticmethod
-    def _again(read: Callable[[], Result]) -> Result:
-        """What `read` returns. obstore repeats requests, but no answer that was cut in its middle."""
+    def _again(asked: Callable[[], Result]) -> Result:
+        """What `asked` returns. obstore repeats requests, but none whose answer was cut in its middle."""
         for pause_s in _PAUSES_S:
             try:
-                return read()
+                return asked()
             except FileNotFoundError:
                 raise
             except OSError:
                 time.sleep(pause_s)
-        return read()
+        return asked()
 
     @contextmanager
     def _errors(self, name: str) -> Iterator[None]:
