@@ -132,6 +132,28 @@ def decode_intensity(
     half: NDArray[numpy.uint8],
     rotation: NDArray[numpy.int32],
 ) -> NDArray[numpy.uint8]: ...
+def encode_refinement(
+    ranges: NDArray[numpy.uint16],
+    base: NDArray[numpy.uint16],
+    fired: NDArray[numpy.uint8],
+    half: NDArray[numpy.uint8],
+    rotation: NDArray[numpy.int32],
+    level: NDArray[numpy.int32],
+    base_step: int,
+    fine_step: int,
+    turn: int,
+) -> bytes: ...
+def decode_refinement(
+    data: bytes,
+    base: NDArray[numpy.uint16],
+    fired: NDArray[numpy.uint8],
+    half: NDArray[numpy.uint8],
+    rotation: NDArray[numpy.int32],
+    level: NDArray[numpy.int32],
+    base_step: int,
+    fine_step: int,
+    turn: int,
+) -> NDArray[numpy.uint16]: ...
 def net_forms() -> list[str]: ...
 
 class RiddleNets:

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Unpack
 
 from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame, can_be_base, is_refinement
+from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
 from lidarcodec.settings import SettingChanges, StreamSettings, settings_from
 from lidarcodec.sources import open_source
@@ -42,7 +44,8 @@ def read_frames(
 def encode(
     frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Unpack[SettingChanges]
 ) -> Iterator[bytes]:
-    """Encoded messages of frames as bytes. changes: fields of StreamSettings, applied on top of `settings`.
+    """Encoded messages of frames as bytes. changes: fields of StreamSettings, applied on top of `settings`. With
+    `base_error_m` the refinements of a frame follow its message.
 
     Raises SettingsError or UnknownNameError when a setting is not allowed, before the first frame is read.
     """
@@ -52,17 +55,35 @@ def encode(
     def messages() -> Iterator[bytes]:
         for frame in frames:
             yield from map(pack, encoder.encode(frame))
+            if (refinable := encoder.refinable) is not None:
+                yield from map(refinable.code, refinable.sectors)
         yield from map(pack, encoder.flush())
 
     return messages()
 
 
-def decode(messages: Iterable[bytes]) -> Iterator[Frame]:
-    """Decoded frames of messages.
+def decode(messages: Iterable[bytes], *, layered: bool = False) -> Iterator[Frame]:
+    """Decoded frames of messages. Refinements among them are left out.
 
+    layered: take refinements, too; they follow the message of their frame, which is given when the next message comes
     Raises DecodeError at the first message that cannot be decoded. To continue after errors use a StreamDecoder.
     """
     decoder = StreamDecoder()
+    refined: RefinedFrame | None = None
     for data in messages:
-        yield from decoder.decode(unpack(data))
+        if is_refinement(data):
+            if refined is not None:
+                refined.add(unpack_refinement(data))
+            continue
+        if refined is not None:
+            yield refined.frame()
+            refined = None
+        message = unpack(data)
+        frames = decoder.decode(message)
+        if layered and can_be_base(message):
+            refined = RefinedFrame(frames[0], message)
+        else:
+            yield from frames
+    if refined is not None:
+        yield refined.frame()
     yield from decoder.flush()

@@ -14,16 +14,18 @@ from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Learning, Steered
+from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Layered, Learning, Steered
 from lidarcodec.codecs.other_decoder import PlaneDecoder
 from lidarcodec.codecs.other_sensors import KINDS, check_for, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
+from lidarcodec.layers import RefinableFrame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.mounting.stream import MountMemory, MountNotes, mounted
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
+from lidarcodec.planes.intensity import Quality
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.image_curve import PROBED, PROBED_BOUND_M, ImageKind, kind_of
@@ -113,7 +115,7 @@ class StreamEncoder:
         self.settings = self._resolved(self._asked)
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._reducing, self._thinning = Reducing(self.settings), Thinning(self.settings)
-        self._encoder = make_encoder(self.settings, self.stream_id)
+        self._encoder = make_encoder(self.settings.base, self.stream_id)
         self._rate = self._rate_control(self.settings)
         self._steer()
         self._held: list[Message] = []
@@ -129,6 +131,9 @@ class StreamEncoder:
         """The last frame, as it was encoded: with `keep` set where it was reduced."""
         self.left_out = False
         """Whether the last frame was not encoded, because the target bitrate does not carry all frames."""
+        self.refinable: RefinableFrame | None = None
+        """With `base_error_m`: the last frame, to code refinements of it. They can be coded at any later time, in any
+        thread."""
 
     def prepare(self, sensor: SensorModel) -> bool:
         """Be ready for frames of this sensor; `encode` does so by itself. True: a key message comes next.
@@ -146,7 +151,7 @@ class StreamEncoder:
             settings = check_for(sensor, without_auto(self._asked, KINDS))
             other = other_encoder(settings, self.stream_id)
         if settings.codec != self.settings.codec:
-            fresh = self._make_encoder(settings, self.stream_id)
+            fresh = self._make_encoder(settings.base, self.stream_id)
             self._held += self._flushed()
             self._encoder = fresh
         self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
@@ -192,15 +197,25 @@ class StreamEncoder:
         return messages
 
     def _coded(self, frame: Frame, *, key: bool) -> list[Message]:
-        self.reduced = frame
+        self.reduced, self.refinable = frame, None
         if self._other is not None:  # its messages hold the lattice themselves
             return [self._mounts.noted(message) for message in self._other.encode(frame, key=key)]
         messages = self._encoder.encode(thinned(frame), key=key)
+        if self.settings.base_error_m is not None:
+            self.refinable = self._refinable(frame)
         self._lattices.goes_in(frame)
         return [self._noted(message) for message in messages]
 
     def _noted(self, message: Message) -> Message:
         return self._mounts.noted(self._lattices.noted(message))
+
+    def _refinable(self, frame: Frame) -> RefinableFrame | None:
+        encoder, settings = self._encoder, self.settings
+        ranges = encoder.decoded_ranges() if isinstance(encoder, Layered) else None
+        if ranges is None or frame.keep is not None:  # refinements bring all returns
+            return None
+        exact = settings.step == 1 and not Quality.of(settings).lossless
+        return RefinableFrame(frame, ranges, self.stream_id, settings.base.step, settings.step, exact)
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
@@ -213,13 +228,13 @@ class StreamEncoder:
         thinning = Thinning(checked, self._thinning, hdl64e=self._hdl64e)
         other = None if self._hdl64e else other_encoder(checked, self.stream_id)
         if checked.codec == self.settings.codec:
-            key = self._encoder.apply(checked)
+            key = self._encoder.apply(checked.base)
             if self._rate is not None and checked.target_kbps is not None:
                 self._rate.apply(checked)
             else:
                 self._rate = self._rate_control(checked, images=self._images)
         else:
-            fresh = self._make_encoder(checked, self.stream_id)
+            fresh = self._make_encoder(checked.base, self.stream_id)
             self._held += self._flushed()
             self._rate = self._rate_control(checked, self._rate, self._images)
             self._encoder, key = fresh, True

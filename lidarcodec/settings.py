@@ -58,6 +58,7 @@ class SettingChanges(TypedDict, total=False):
     framing: str
     key_interval: int
     shape: Shape
+    base_error_m: float | None
     follow: str | None
 
 
@@ -97,10 +98,15 @@ class StreamSettings(BaseModel):
     shape: Shape = Field(default="free", json_schema_extra=MORE)
     """How `riddle` and `predictive` use an error bound. `free`: each return gets a value within the bound that costs
     few bits. `rounded`: each return gets the nearest value of a fixed grid."""
+    base_error_m: float | None = Field(default=None, gt=0.0, le=MAX_BOUND_M, json_schema_extra=MORE)
+    """Two layers: messages with this error bound, in metres, at most 20, and refinements of them to `max_error_m`, one
+    for each twelfth of a turn. Without `max_error_m`, or with 0, refined packets are exact. null: one layer."""
     follow: str | None = Field(default=None, json_schema_extra=MORE)
     """Name of the receiver whose arrival reports control the stream. null: chosen automatically."""
 
-    @field_validator("max_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before")
+    @field_validator(
+        "max_error_m", "base_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before"
+    )
     @classmethod
     def _number(cls, value: Any) -> Any:
         if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
@@ -150,6 +156,27 @@ class StreamSettings(BaseModel):
         if self.keep_points is not None and self.keep_fraction is not None:
             raise ValueError("give keep_points or keep_fraction, not both")
         return self
+
+    @model_validator(mode="after")
+    def _two_layers(self) -> StreamSettings:
+        if self.base_error_m is not None:
+            if step_of(self.base_error_m) <= self.step:
+                raise ValueError(
+                    f"base_error_m={self.base_error_m:g} is not above what refinements reach: give a larger one, of at "
+                    "least 0.002 m"
+                )
+            if self.target_kbps is not None:
+                raise ValueError("base_error_m sets the bound of the base: leave target_kbps out")
+            if self.reduces:
+                raise ValueError("refinements bring all returns: leave reduction out with base_error_m")
+        return self
+
+    @property
+    def base(self) -> StreamSettings:
+        """The settings that messages are coded with: with `base_error_m` those of the base, else these."""
+        if self.base_error_m is None:
+            return self
+        return self.model_copy(update={"max_error_m": self.base_error_m, "base_error_m": None})
 
     @property
     def step(self) -> int:

@@ -90,6 +90,7 @@ def test_who_stands_in_a_table_knows_no_other_and_not_the_table(table: ModuleTyp
 BELOW = {
     "base": "",
     "bits": "base",
+    "layers": "mask bits base",
     "motion": "base",
     "mask": "motion bits base",
     "planes": "mask motion bits base",

@@ -15,7 +15,7 @@ from lidarcodec.archive.objects import read_plan
 from lidarcodec.archive.segments import Segment
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.tasks import Ended, Task
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire.header import MAJOR, MINOR
 
@@ -29,7 +29,11 @@ def archive_settings(settings: StreamSettings) -> StreamSettings:
     """Settings for an archive: with such a codec every message is a key message, unless the interval was chosen.
 
     A frame then is one read.
+
+    Raises SettingsError for two layers: an archive finds frames by their messages alone.
     """
+    if settings.base_error_m is not None:
+        raise SettingsError("an archive holds one layer: leave base_error_m out", "base_error_m")
     if settings.codec not in ALONE or "key_interval" in settings.model_fields_set:
         return settings
     return settings.model_copy(update={"key_interval": 1})

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from lidarcodec.codecs.rate_knob import RateKnob
@@ -53,6 +55,14 @@ class Choosing(Protocol):
     def refer_to(self, indices: Set[int] | None) -> bool:
         """Refer to the newest of these frames from now on, to none if none of them is kept. None: to the frame before.
         False: frames of this codec refer to none, or only to the frame before."""
+
+
+@runtime_checkable
+class Layered(Protocol):
+    """An encoder that knows what a decoder gets."""
+
+    def decoded_ranges(self) -> npt.NDArray[np.uint16] | None:
+        """(64, W) uint16, the ranges of the last frame as a decoder gets them; None of a codec without refinements."""
 
 
 @runtime_checkable
@@ -140,6 +150,7 @@ class Codec(NamedTuple):
     isolated: whether live use gives it a process of its own, because it hands bytes to large libraries of others
     rolling: whether a thinned stream may begin at another column in each frame; not where a frame is predicted from the
         picture before
+    layered: whether its frames can be bases (`base_error_m`)
     files: reads what settings name on this machine, as the encoder does; raises SettingsError
     """
 
@@ -150,4 +161,5 @@ class Codec(NamedTuple):
     knob: RateKnob | None = None
     isolated: bool = False
     rolling: bool = True
+    layered: bool = False
     files: Callable[[StreamSettings], object] | None = None

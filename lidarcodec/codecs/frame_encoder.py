@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Set
 from typing import Generic, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
 from lidarcodec.codecs.base import Encoder, InForce, Own
 from lidarcodec.codecs.kept_frames import KeptFrames
 from lidarcodec.errors import SettingsError
@@ -18,6 +21,7 @@ from lidarcodec.motion.history import MaskHistory
 from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.planes.intensity import Quality
 from lidarcodec.planes.sections import encode_planes
+from lidarcodec.ranges.quantise import requantised
 from lidarcodec.settings import StreamSettings
 
 
@@ -25,10 +29,12 @@ class Coded(NamedTuple):
     """The coded sections of a frame.
 
     sections: all except the calibration; needs: index of the frame that they refer to, or None
+    ranges: gives (64, W) uint16, the ranges as a decoder gets them; None of a codec without refinements
     """
 
     sections: list[Section]
     needs: int | None
+    ranges: Callable[[], npt.NDArray[np.uint16]] | None = None
 
 
 class FrameContent(Protocol[Own]):
@@ -81,6 +87,7 @@ class FrameEncoder(Generic[Own]):
         self._since_key: int | None = None
         self._sensor: tuple[str, str] | None = None
         self._last_index = -1
+        self._ranges: Callable[[], npt.NDArray[np.uint16]] | None = None
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings from the next frame on. True: the next message will be a key message.
@@ -110,6 +117,7 @@ class FrameEncoder(Generic[Own]):
         key = key or self._key_is_due() or sensor != self._sensor or frame.index <= self._last_index
         calibration = encode_calibration(frame.sensor, key, self._plain_calibration)
         coded = self._content.code(frame, key=key)
+        self._ranges = coded.ranges
         self._since_key = 1 if key else (self._since_key or 0) + 1
         self._sensor, self._last_index = sensor, frame.index
         return [
@@ -126,6 +134,10 @@ class FrameEncoder(Generic[Own]):
                 planes=not frame.sensor.is_hdl64e,
             )
         ]
+
+    def decoded_ranges(self) -> npt.NDArray[np.uint16] | None:
+        """As of `Layered` in base.py."""
+        return None if self._ranges is None else self._ranges()
 
     def flush(self) -> list[Message]:
         """Nothing: no frame is held back."""
@@ -150,6 +162,7 @@ class Independent(Generic[Own]):
 
     code_ranges: gives the RANGE section; grouped_intensity: code intensities fast instead of small (intensity.py)
     mask_history: whether masks refer to masks since the last key message, by the codec's own settings
+    layered: whether the codec quantises as ranges/quantise.py, so that refinements can be coded of its ranges
     """
 
     _settings: InForce[Own]
@@ -160,8 +173,10 @@ class Independent(Generic[Own]):
         *,
         grouped_intensity: bool = False,
         mask_history: Callable[[Own], bool] = lambda _: False,
+        layered: bool = False,
     ) -> None:
         self._code_ranges, self._grouped_intensity, self._with_history = code_ranges, grouped_intensity, mask_history
+        self._layered = layered
         self._masks = KeptFrames[MaskHistory](MaskHistory.copy)
         """The masks since the last message that needs no other, up to each of the last frames."""
 
@@ -190,7 +205,8 @@ class Independent(Generic[Own]):
             masks = masks or MaskHistory()
             masks.remember(frame.valid, frame.azimuth, frame.sensor)
             self._masks.put(frame.index, masks)
-        return Coded([ranges, *planes], needs)
+        step = settings.stream.step
+        return Coded([ranges, *planes], needs, (lambda: requantised(frame, step)) if self._layered else None)
 
     def _ranges(self, frame: Frame) -> bytes:
         return self._code_ranges(frame, self._settings)
@@ -202,11 +218,14 @@ def independent_encoder(
     *,
     grouped_intensity: bool = False,
     mask_history: Callable[[Own], bool] = lambda _: False,
+    layered: bool = False,
 ) -> Callable[[int, StreamSettings, int], Encoder]:
     """Makes the encoders of a codec that codes the ranges of each frame alone; all else as of `Independent`."""
 
     def make(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
-        content = Independent(code_ranges, grouped_intensity=grouped_intensity, mask_history=mask_history)
+        content = Independent(
+            code_ranges, grouped_intensity=grouped_intensity, mask_history=mask_history, layered=layered
+        )
         return FrameEncoder(codec_id, settings, stream_id, model, content)
 
     return make

@@ -56,6 +56,8 @@ def check_other(settings: StreamSettings) -> StreamSettings:
     if settings.codec not in (*KINDS, AUTO):
         able = ", ".join(KINDS)
         raise SettingsError(f"codec {settings.codec} takes only frames of an HDL-64E: choose one of {able}", "codec")
+    if settings.base_error_m is not None:
+        raise SettingsError("a base and refinements are only of an HDL-64E: leave base_error_m out", "base_error_m")
     if settings.reduction in ONLY_HDL64E:
         raise SettingsError(
             f"reduction {settings.reduction} works only with an HDL-64E: choose voxel, random, columns:n or lattice:n",

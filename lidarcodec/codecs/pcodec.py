@@ -68,7 +68,8 @@ def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:
 
 CODEC = Codec(
     PcodecSettings,
-    independent_encoder(PcodecSettings, code_ranges, mask_history=lambda own: own.mask_history),
+    independent_encoder(PcodecSettings, code_ranges, mask_history=lambda own: own.mask_history, layered=True),
     SessionDecoder,
     knob=bound_knob(),
+    layered=True,
 )

@@ -199,13 +199,19 @@ class ReferenceTracker:
             sent.ranges.forget_edge()
             if self._finder is None:
                 return
-        free, levels = coded.free, level_offsets(frame.sensor)
-        ranges = as_decoded(frame.range_u16, frame.valid, step, levels) if free is None else free
+        ranges = _decoded(frame, coded, step)
         if reference.edge is not None:
             sent.ranges.remember_edge(ranges, frame.azimuth, frame.fired, reference.expected)
         if self._finder is not None:
             slab = reference.edge is not None
             sent.ranges.remember(ranges, frame.azimuth, frame.fired, frame.sensor, slab=slab)
+
+
+def _decoded(frame: Frame, coded: CodedRanges, step: int) -> Ranges:
+    """(64, W) uint16, the ranges as a decoder gets them."""
+    if coded.free is not None:
+        return coded.free
+    return as_decoded(frame.range_u16, frame.valid, step, level_offsets(frame.sensor))
 
 
 def _edge(frame: Frame, sent: StreamHistory) -> KnownColumns | None:
@@ -264,11 +270,12 @@ class Referring(Generic[OwnReferring, Learned]):
         if reference.motion is not None:
             moved = b"" if reference.moves_on else encode_motion(reference.motion)
             sections.append(Section(SectionType.MOTION, moved))
+        step = settings.stream.step
         if remembers:
             memory.masks.remember(frame.valid, frame.azimuth, frame.sensor)
-            self._references.take(frame, reference, coded, settings.stream.step, memory.sent)
+            self._references.take(frame, reference, coded, step, memory.sent)
             self._kept.put(frame.index, memory)
-        return Coded(sections, needs)
+        return Coded(sections, needs, lambda: _decoded(frame, coded, step))
 
     def _copy(self, memory: Memory[Learned]) -> Memory[Learned]:
         learned = self._ranges.copy(memory.learned)

@@ -208,12 +208,12 @@ class RiddleContent:
     def code(self, frame: Frame, *, key: bool) -> Coded:
         """All sections of a frame but the calibration."""
         self._ranges.take_offer()
-        sections, needs = self._referring.code(frame, key=key)
-        sections += self._ranges.weight_sections(key=key)
+        coded = self._referring.code(frame, key=key)
+        sections = coded.sections + self._ranges.weight_sections(key=key)
         missing = _least_bytes(frame.valid) - _bytes_of(sections)
         if missing > 0:
             sections.append(Section(SectionType.FILLER, bytes(missing)))
-        return Coded(sections, needs)
+        return coded._replace(sections=sections)
 
 
 class RiddleEncoder:
@@ -234,6 +234,10 @@ class RiddleEncoder:
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings; other weights, or another effort, begin with a key message."""
         return self._frames.apply(settings)
+
+    def decoded_ranges(self) -> Ranges | None:
+        """(64, W) uint16, the ranges of the last frame as a decoder gets them."""
+        return self._frames.decoded_ranges()
 
     def flush(self) -> list[Message]:
         """Nothing: no frame is held back."""
@@ -295,4 +299,4 @@ def _read_weights(settings: StreamSettings) -> Weights | None:
     return _weights_for(own_settings(RiddleSettings, settings))
 
 
-CODEC = Codec(RiddleSettings, RiddleEncoder, SessionDecoder, knob=bound_knob(), files=_read_weights)
+CODEC = Codec(RiddleSettings, RiddleEncoder, SessionDecoder, knob=bound_knob(), layered=True, files=_read_weights)

@@ -130,6 +130,10 @@ def check(settings: StreamSettings) -> StreamSettings:
     if settings.max_error_m is not None and not chosen.bounded:
         raise SettingsError(f"codec {settings.codec} cannot keep an error bound: leave max_error_m out", "max_error_m")
     _check_target(settings, chosen)
+    if settings.base_error_m is not None and not chosen.layered:
+        able = ", ".join(name for name in _TABLE if codec(name).layered)
+        raise SettingsError(f"codec {settings.codec} cannot send a base and refinements: leave base_error_m out, or "
+f"choose one of {able}", "base_error_m")  # fmt: skip
     return settings
 
 

@@ -131,6 +131,8 @@ def _tell(kept: Path, coded: CodedRecording, as_json: bool) -> None:
         points=None, positions=coded.positions, bytes=size, coded_bytes=coded.coded, packet_bytes=coded.payload_bytes,
         ratio=coded.payload_bytes / max(coded.coded, 1), left_out=coded.left_out,
     )  # fmt: skip
+    if coded.refinement_bytes:
+        found["refinement_bytes"] = coded.refinement_bytes
     tell(found, f"{kept}: {coded.summary()}" + f"; with clouds the file has {size:,}" * coded.clouds, as_json)
 
 

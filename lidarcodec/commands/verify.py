@@ -16,9 +16,9 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.evaluation.recorded import LAYERS, RecordedFrames
 from lidarcodec.evaluation.verdict import broken_promises, changed_since_the_start, missing_parts
-from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, promise_of
+from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, promise_of, promise_refined
 from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
@@ -74,7 +74,7 @@ def compared(
         watched = Watched(recorded, stopped)
         for frame in watched:
             message = recorded.message
-            promise = None if message is None else promise_of(message)
+            promise = None if message is None else promise_refined(promise_of(message), recorded.refined)
             # A message of `raw` does not say that it is reduced.
             if promise is not None and settings is not None and settings.codec == "raw":
                 promise = promise._replace(reduced=settings.reduces)
@@ -103,6 +103,7 @@ def compared(
         "interrupted": coverage is None,
         "coverage": None if coverage is None else coverage.result(),
         "packets_passed_over": packets.passed,
+        "layers": {name: recorded.layers[name] for name in LAYERS} if recorded.layers else None,
         "settings": None if settings is None else settings.model_dump(mode="json"),
         "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
@@ -148,10 +149,15 @@ def _text(result: dict[str, Any]) -> str:
         f"RMS error        {metres(result['rmse_m'])}",
         f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented"
         + (f", {result['left_out']:,} left out by the reduction" if result["left_out"] else ""),
+        *([_layers_text(result["layers"])] if result["layers"] else []),
         *(f"changed          {text}" for text in result["changed"]),
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]
     return "\n".join(lines)
+
+
+def _layers_text(layers: dict[str, int]) -> str:
+    return f"refined          {layers['whole']} frames whole, {layers['part']} in part, {layers['base']} base only"
 
 
 def _covered_text(found: dict[str, Any] | None) -> str:

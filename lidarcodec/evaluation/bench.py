@@ -22,7 +22,7 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import own_settings
 from lidarcodec.entropy.zstd_frames import compress
-from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
 from lidarcodec.evaluation.metrics import IntensityErrors, RangeErrors, Sizes, times_ms
 from lidarcodec.evaluation.range_bands import RangeBands
@@ -64,6 +64,8 @@ def bench(
     learn. Their time and gain are in `learned`, not in the other times; tick: called after each frame
     Raises SettingsError, UnknownNameError, SourceError, and DecodeError if the codec cannot decode its own messages.
     """
+    if settings.base_error_m is not None:
+        raise SettingsError("bench measures one layer: compare recordings of `encode` instead", "base_error_m")
     encoder = StreamEncoder(settings)
     if learn:
         encoder.learn(0)

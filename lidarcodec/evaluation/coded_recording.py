@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import IO
 
-from lidarcodec.evaluation.round_trip import RoundTrip
+from lidarcodec.evaluation.round_trip import RoundTrip, check_refined
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import payload_bytes
+from lidarcodec.layers import RefinableFrame, RefinedFrame
+from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
@@ -28,7 +30,8 @@ class CodedRecording:
     frames, packets, positions: numbers of frames, packets and position packets so far
     payload_bytes: size of the packets;  left_out: frames skipped to keep the target bitrate
     seconds: duration of all frames
-    coded: bytes of the messages;  clouds: whether points are written
+    coded: bytes of the messages, refinements included;  refinement_bytes: of the refinements alone
+    clouds: whether points are written
     """
 
     def __init__(
@@ -47,7 +50,8 @@ class CodedRecording:
         self._writer = RecordingWriter(handle, vehicle, sensor, encoder.settings, about, clouds=clouds)
         self._check = RoundTrip(encoder.settings, compared=compared)
         self.frames = self.packets = self.positions = self.coded = self.left_out = 0
-        self.payload_bytes = 0
+        self.payload_bytes = self.refinement_bytes = 0
+        self._base: tuple[Message, list[Frame]]
         self.seconds = 0.0
         self._begin_ns: int | None = None
 
@@ -59,6 +63,8 @@ class CodedRecording:
         else:
             self._check.sent(self._encoder.reduced or frame)
         self._put(messages)
+        if self._encoder.refinable is not None and not self._encoder.left_out:
+            self._refine(self._encoder.refinable)
         self.frames += 1
         if frame.side is not None:
             self.packets += frame.side.packets
@@ -92,7 +98,24 @@ class CodedRecording:
             frames = self._check.message(data := pack(message))
             self._writer.write(data)
             self.coded += len(data)
-            self._show(frames)
+            if self._encoder.refinable is None:
+                self._show(frames)
+            else:
+                self._base = (message, frames)
+
+    def _refine(self, refinable: RefinableFrame) -> None:
+        """Write the refinements of the frame whose base was written last."""
+        message, (base,) = self._base
+        refined = RefinedFrame(base, message)
+        for sector in refinable.sectors:
+            data = refinable.code(sector)
+            refined.add(unpack_refinement(data))
+            self._writer.write_refinement(data)
+            self.refinement_bytes += len(data)
+            self.coded += len(data)
+        frame = refined.frame()
+        check_refined(frame, refinable)
+        self._show([frame])
 
     def _show(self, frames: list[Frame]) -> None:
         for frame in frames if self.clouds else []:  # decoded frames, so that viewers show losses

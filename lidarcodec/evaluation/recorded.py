@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
@@ -16,18 +18,25 @@ from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 
+LAYERS: Final = ("whole", "part", "base")
+"""How a frame of two layers can be refined."""
+
 
 class RecordedFrames:
     """Frames of a recording in order; iterate once.
 
     failed: messages that could not be decoded, by error; counts: damage that the reader found (`cut`, `damaged`)
     metadata: metadata of the recording; message: the message of the current frame, None if packets were recorded
+    refined: the refinements of the current frame, None if it has none
+    layers: frames refined `whole`, in `part` or not at all (`base`); empty for a recording of one layer
     """
 
     def __init__(self, path: Path) -> None:
         """Raises OSError or SourceError if it is not a recording."""
         self._path = path
         self.message: Message | None = None
+        self.refined: RefinedFrame | None = None
+        self.layers: Counter[str] = Counter()
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         with open_regular(path) as handle:
@@ -55,11 +64,25 @@ class RecordedFrames:
         decoder = StreamDecoder()
         with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
-            for message, frames in decoded(reader, reader.messages(), decoder.decode, self._fail):
+            layered = (settings := self.settings()) is not None and settings.base_error_m is not None
+            for message, frames in decoded(reader, reader.messages(), decoder.decode, self._fail, self._take):
                 self.message = message
+                if self.refined is not None or (layered and frames):
+                    self.layers[_layers(self.refined)] += 1
                 yield from frames
+                self.refined = None
             self.counts = reader.counts
         yield from decoder.flush()
+
+    def _take(self, refined: RefinedFrame) -> None:
+        self.refined = refined
+
+    def layers_text(self) -> str:
+        """How many frames were refined, in a sentence; empty if there is nothing to say."""
+        if not self.layers:
+            return ""
+        whole, part, base = (self.layers[name] for name in LAYERS)
+        return f"{whole} frames refined whole, {part} in part, {base} base only"
 
     def _fail(self, error: DecodeError) -> None:
         self.failed[f"{type(error).__name__}: {error}"] += 1
@@ -76,3 +99,9 @@ class RecordedFrames:
             return []
         worst, _ = self.failed.most_common(1)[0]
         return [f"{self._path}: {total} messages could not be decoded and were skipped ({worst})"]
+
+
+def _layers(refined: RefinedFrame | None) -> str:
+    if refined is None or not refined.taken:
+        return "base"
+    return "whole" if refined.whole else "part"

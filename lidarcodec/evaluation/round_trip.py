@@ -21,6 +21,7 @@ from lidarcodec.evaluation.plane_difference import plane_difference, told_of_pla
 from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
+from lidarcodec.layers import RefinableFrame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamDecoder
@@ -66,7 +67,7 @@ class RoundTrip:
 
     def sent(self, frame: Frame) -> None:
         """Add a frame that is encoded. `keep` must be set if it was reduced."""
-        self._sent.append((frame, self.settings))
+        self._sent.append((frame, self.settings.base))
 
     def message(self, data: bytes) -> list[Frame]:
         """Decode a message and compare its frames with the originals. Returns the decoded frames.
@@ -114,6 +115,19 @@ class RoundTrip:
 
     def _named(self) -> str:
         return f"frame {self._sent[0][0].index}" if self._sent else "a message"
+
+
+def check_refined(came: Frame, refinable: RefinableFrame) -> None:
+    """Compare a frame with all its refinements with what was measured.
+
+    Raises RoundTripError if a range is further away than refinements reach, or exact intensities differ.
+    """
+    sent, most = refinable.frame, refinable.step // 2
+    off = int(np.abs(came.range.astype(np.int64) - sent.range.astype(np.int64)).max(initial=0))
+    exact = not refinable.intensity or np.array_equal(came.intensity, sent.intensity)
+    if off > most or not exact:
+        what = f"a range error of {bound_of(2 * off):g} m" if off > most else "other intensities"
+        raise _fault(f"refinements did not keep frame {came.index}: it was decoded with {what}")
 
 
 def _fault(what: str) -> RoundTripError:

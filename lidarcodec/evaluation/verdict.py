@@ -59,7 +59,7 @@ def changed_since_the_start(settings: StreamSettings | None, found: Comparison) 
     if settings is None or settings.target_kbps is not None or not table.codec(settings.codec).bounded:
         return []
     step_m = found.errors.range_step_m
-    noted = step_of(settings.max_error_m or 0.0, step_m)
+    noted = step_of(settings.base.max_error_m or 0.0, step_m)
     changed = []
     if unbounded := found.steps[None]:
         changed.append(f"{unbounded} frames come from a codec without an error bound")

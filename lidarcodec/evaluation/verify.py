@@ -21,6 +21,7 @@ from lidarcodec.evaluation.plane_difference import told_of_planes
 from lidarcodec.evaluation.verify_positions import PositionComparison, places
 from lidarcodec.evaluation.verify_values import CloudErrors, values_difference
 from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import frames_of
@@ -76,6 +77,15 @@ def promise_of(message: Message) -> Promise:
     whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY
     told = AttributeQuality() if whole else None
     return Promise(step, step == 1 and whole and not reduced, reduced, told)
+
+
+def promise_refined(promise: Promise, refined: RefinedFrame | None) -> Promise:
+    """The guarantees of a message and its refinements. One missing sector leaves the bound of the base."""
+    if refined is None or not refined.whole or refined.step is None:
+        return promise
+    identical = refined.step == 1 and refined.exact_intensity and not promise.reduced
+    told = AttributeQuality() if refined.exact_intensity else promise.told
+    return promise._replace(step=refined.step, identical=identical, told=told)
 
 
 def _promise_of_planes(message: Message) -> Promise:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
 from lidarcodec.settings import MAX_BOUND_M, step_of
 
 MAX_RANGE: Final = 65535
@@ -73,3 +74,10 @@ def as_decoded(
     added = levels[:, None]
     cells = (ranges.astype(np.int32) + (added + step // 2)) // np.int32(step)
     return np.where(valid, (cells * np.int32(step) - added).clip(1, 65535), 0).astype(np.uint16)
+
+
+def requantised(frame: Frame, step: int) -> npt.NDArray[np.uint16]:
+    """(64, W) uint16, the ranges that a decoder gets of `quantise` of the frame's valid returns; 0 elsewhere."""
+    ranges = np.zeros(frame.range.shape, np.uint16)
+    ranges[frame.valid] = reconstruct(quantise(frame.range_u16[frame.valid], step), step)
+    return ranges

@@ -12,11 +12,15 @@ from typing import Final, Protocol
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE, Allowance
 from lidarcodec.errors import DecodeError, MissingExtraError
 from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame
+from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.sensors.images import MAX_CELLS
 from lidarcodec.units import LASERS
 from lidarcodec.wire import unpack
 
+REFINED: Final = 2.0
+"""The cost of refining a frame, as a multiple of the cost of decoding it."""
 COLUMN: Final = 2
 """The cost of a column without returns, in returns."""
 NUMBER: Final = 0.25
@@ -37,14 +41,17 @@ def decoded(
     messages: Iterable[tuple[int, bytes]],
     decode: Callable[[Message], list[Frame]],
     failed: Callable[[DecodeError], object],
+    refined: Callable[[RefinedFrame], object] = lambda frame: None,
 ) -> Iterator[tuple[Message, list[Frame]]]:
-    """Each message that can be decoded, with the frames that became complete with it.
+    """Each message that can be decoded, with the frames that became complete with it. Frames have the refinements that
+    the recording holds.
 
     It ends early if a file decodes to too much data; this is counted and logged as damage. The work is the sum of
     returns, columns and numbers of planes. A message that fails counts as a full frame, because it may fail at its very
     end.
 
     messages: from `reader`, with their times;  decode: decodes one message;  failed: called with each error
+    refined: called with each frame that refinements were taken for
     Raises MissingExtraError at a message of a codec that is not installed.
     """
     allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
@@ -57,11 +64,37 @@ def decoded(
             raise
         except DecodeError as error:
             failed(error)
+        cost = 0.0 if message is None else _cost(message, frames)
         if message is not None and frames is not None:
+            if (parts := reader.refinements.take(message)) and len(frames) == 1:
+                cost *= 1 + REFINED
+                frames = [_refined(message, frames[0], parts, failed, refined)]
             yield message, frames
-        if message is not None and not allowed.spend(_cost(message, frames), reader.size):
+        if message is not None and not allowed.spend(cost, reader.size):
             reader.leave_out_rest(f"it decodes to more than {DECODED_PER_BYTE} returns for each of its bytes")
             return
+
+
+def _refined(
+    message: Message,
+    base: Frame,
+    parts: list[bytes],
+    failed: Callable[[DecodeError], object],
+    refined: Callable[[RefinedFrame], object],
+) -> Frame:
+    """The frame with its refinements; those that cannot be used are told, and change nothing."""
+    try:
+        found = RefinedFrame(base, message)
+    except DecodeError as error:
+        failed(error)
+        return base
+    for data in parts:
+        try:
+            found.add(unpack_refinement(data))
+        except DecodeError as error:
+            failed(error)
+    refined(found)
+    return found.frame()
 
 
 def _cost(message: Message, frames: list[Frame] | None) -> float:

@@ -3,6 +3,7 @@
 | encoding             | topic                                      | data of an MCAP message                    |
 |----------------------|--------------------------------------------|--------------------------------------------|
 | `lidarcodec`         | `lidarcodec/v1/{vehicle}/{sensor}/frame`   | one message as `wire.pack` gives it        |
+| `lidarcodec.refine`  | `lidarcodec/v1/{vehicle}/{sensor}/refine`  | a refinement as `layers.pack` gives it     |
 | `lidarcodec.packets` | `lidarcodec/v1/{vehicle}/{sensor}/packets` | a batch of packets, `pack_batch` |
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: points of a decoded
 message |
@@ -32,6 +33,8 @@ from lidarcodec.side import Position
 
 MESSAGE_ENCODING: Final = "lidarcodec"
 PACKET_ENCODING: Final = "lidarcodec.packets"
+REFINE_ENCODING: Final = "lidarcodec.refine"
+_LAST_PART: Final = {MESSAGE_ENCODING: "frame", PACKET_ENCODING: "packets", REFINE_ENCODING: "refine"}
 METADATA_NAME: Final = "lidarcodec"
 """Name of the MCAP metadata record: format, version, vehicle, sensor and the settings as JSON."""
 MAX_BATCH: Final = 16384
@@ -45,7 +48,7 @@ _STAMP: Final = struct.Struct("<q")
 
 def topic(vehicle: str, sensor: str, encoding: str) -> str:
     """Topic of a sensor's channel of that encoding; for messages it is their Zenoh key."""
-    return f"lidarcodec/v1/{vehicle}/{sensor}/{'packets' if encoding == PACKET_ENCODING else 'frame'}"
+    return f"lidarcodec/v1/{vehicle}/{sensor}/{_LAST_PART[encoding]}"
 
 
 def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str, str]:

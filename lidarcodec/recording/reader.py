@@ -12,9 +12,10 @@ from lidarcodec import wire
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.recording import records
-from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, unpack_batch
+from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, REFINE_ENCODING, unpack_batch
 from lidarcodec.recording.order import in_sent_order
 from lidarcodec.recording.records import Channel, DamagedError, Record, Stored, Work
+from lidarcodec.recording.refinements import Refinements
 
 log = logging.getLogger(__name__)
 
@@ -56,6 +57,8 @@ class RecordingReader:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, str] = {}
         self.profile = ""
+        self.refinements = Refinements()
+        """Refinements of messages that `messages` gave, or will give soon."""
         self._warned = not warn
         self._summarised = False
         self._work = Work()
@@ -77,8 +80,12 @@ class RecordingReader:
     def _as_recorded(self, start_ns: int | None, topic: str | None) -> Iterator[tuple[int, bytes]]:
         streams: dict[int, None] = {}
         last: int | None = None
-        for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key):
+        self.refinements.clear()
+        for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key, REFINE_ENCODING):
             data = stored.data()
+            if self.channels[stored.channel].encoding == REFINE_ENCODING:
+                self.refinements.put(data)
+                continue
             with suppress(DecodeError):  # the decoder of the message reports the error
                 stream = wire.peek(data).stream_id
                 if stream != last and stream in streams:
@@ -222,10 +229,15 @@ class RecordingReader:
             )
 
     def _read(
-        self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
+        self,
+        encoding: str,
+        topic: str | None,
+        start_ns: int | None,
+        may_start: Callable[[Stored], bool],
+        beside: str = "",
     ) -> Iterator[Stored]:
         """Messages of one channel; with `start_ns` from the last message at or before it that needs no other
-        message.
+        message. beside: encoding of further channels that are read too
         """
         place = _Place(self._data_start, 0)
         if start_ns is not None:
@@ -233,7 +245,7 @@ class RecordingReader:
         self.counts.clear()
         for offset, stored in self._walk(place.record):
             for one in stored[place.skip if offset == place.record else 0 :]:
-                if self._is(one.channel, encoding, topic):
+                if self._is(one.channel, encoding, topic) or (beside and self._has(one.channel, beside)):
                     yield one
                 elif topic is None and (channel := self.channels.get(one.channel)) and channel.encoding == encoding:
                     self._of_another_topic(channel.topic)
@@ -246,6 +258,10 @@ class RecordingReader:
             return channel.topic == topic
         first = min(one.number for one in self.channels.values() if one.encoding == encoding)
         return channel.topic == self.channels[first].topic
+
+    def _has(self, number: int, encoding: str) -> bool:
+        channel = self._channel(number)
+        return channel is not None and channel.encoding == encoding
 
     def _channel(self, number: int) -> Channel | None:
         """A channel by its id. If its record is in a damaged chunk, it is read from the summary."""

@@ -14,11 +14,14 @@ from lidarcodec import wire
 from lidarcodec.errors import HeaderError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import foxglove
+from lidarcodec.layers import peek_refinement
+from lidarcodec.layers.message import announced_size
 from lidarcodec.packet import Packet
 from lidarcodec.recording.layout import (
     MESSAGE_ENCODING,
     METADATA_NAME,
     PACKET_ENCODING,
+    REFINE_ENCODING,
     batches_of,
     cloud_topics,
     pack_batch,
@@ -72,6 +75,17 @@ class RecordingWriter(McapFile):
             raise HeaderError(f"the message should have {header.total_bytes} bytes, but has {len(data)}", 8)
         name = topic(self.vehicle, self.sensor, MESSAGE_ENCODING)
         self._add(name, MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
+
+    def write_refinement(self, data: bytes) -> None:
+        """Add one refinement, packed by `layers.pack`, and pass it to the operating system.
+
+        Raises DecodeError if the bytes do not begin with the header of a refinement of this length, OSError.
+        """
+        head = peek_refinement(data)
+        if (total := announced_size(data)) != len(data):
+            raise HeaderError(f"the refinement should have {total} bytes, but has {len(data)}", 8)
+        name = topic(self.vehicle, self.sensor, REFINE_ENCODING)
+        self._add(name, REFINE_ENCODING, head.stamp_ns, data, head.frame_index)
 
     def write_packets(self, packets: Sequence[Packet]) -> None:
         """Add a batch of raw packets, for example of one frame; an empty batch is not written.

@@ -13,6 +13,7 @@ NB_MODULE(_native, m) {
   bind_mask_stream(m);
   bind_motion(m);
   bind_intensity(m);
+  bind_layers(m);
   bind_riddle(m);
   bind_riddle_train(m);
   bind_predictive(m);

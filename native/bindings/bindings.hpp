@@ -49,6 +49,7 @@ void bind_mask(nb::module_& m);
 void bind_mask_stream(nb::module_& m);
 void bind_motion(nb::module_& m);
 void bind_intensity(nb::module_& m);
+void bind_layers(nb::module_& m);
 void bind_planes(nb::module_& m);
 void bind_predictive(nb::module_& m);
 void bind_riddle(nb::module_& m);

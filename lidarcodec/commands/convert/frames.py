@@ -24,7 +24,7 @@ from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
 from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.evaluation.recorded import LAYERS, RecordedFrames
 from lidarcodec.files.whole import Whole, whole
 from lidarcodec.frame import Frame
 from lidarcodec.mounting import Mounting
@@ -98,6 +98,16 @@ class _Recorded:
     def say(self) -> None:
         for text in self._recorded.warnings():
             log.warning("%s", text)
+        layers = self.layers
+        if layers and (layers["part"] or layers["base"]):
+            text = self._recorded.layers_text()
+            log.warning("%s: %s: the others are within the bound of their base", self._path, text)
+
+    @property
+    def layers(self) -> dict[str, int] | None:
+        """How many frames were refined; None for a recording of one layer."""
+        found = self._recorded.layers
+        return {name: found[name] for name in LAYERS} if found else None
 
 
 class _Read:
@@ -221,7 +231,7 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
         if part:
             output.only_part()
     source.say()
-    _tell(output, wanted, written)
+    _tell(output, wanted, written, source.layers if isinstance(source, _Recorded) else None)
     if part:
         raise remaining.stopped(
             out, output.kept, written.frames, skip=selection.skip, frames=selection.frames, live=source.live
@@ -236,7 +246,7 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     written.positions += positions_in(frame)
 
 
-def _tell(output: Whole, wanted: Wanted, written: _Written) -> None:
+def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, int] | None) -> None:
     kept = output.kept or wanted.out
     folder = kept.is_dir()
     found = Converted(
@@ -244,6 +254,8 @@ def _tell(output: Whole, wanted: Wanted, written: _Written) -> None:
         frames=written.frames, packets=None, points=written.points, positions=written.positions,
         bytes=kept.stat().st_size if kept.is_file() else None,
     )  # fmt: skip
+    if layers is not None:
+        found["layers"] = layers
     files = f", a file for each ({wanted.form.name})" if folder else ""
     text = f"{kept}: {written.frames} frames{files}, {written.points:,} points"
     tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)

@@ -23,6 +23,8 @@ class Converted(TypedDict):
     packet_bytes: NotRequired[Annotated[int, "of a recording: bytes of the packets that the messages hold"]]
     ratio: NotRequired[Annotated[float, "of a recording: packet bytes divided by coded bytes"]]
     left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
+    refinement_bytes: NotRequired[Annotated[int, "of a recording of two layers: bytes of its refinements"]]
+    layers: NotRequired[Annotated[dict[str, int], "of two layers: frames refined `whole`, in `part`, or `base` alone"]]
 
 
 class Simulated(TypedDict):
@@ -88,6 +90,9 @@ class Verified(TypedDict):
     interrupted: Annotated[bool, "whether a signal ended the comparison"]
     coverage: Annotated[dict[str, Any] | None, "which part of the source the recording holds; null if interrupted"]
     packets_passed_over: Annotated[int, "packets of the source before, between and after those of the recording"]
+    layers: Annotated[
+        dict[str, int] | None, "of two layers: frames refined `whole`, in `part`, and of the `base` alone; else null"
+    ]
     settings: Annotated[dict[str, Any] | None, "settings in the recording; null if it has none"]
     changed: Annotated[list[Any], "settings that changed while it was recorded"]
     broken: Annotated[list[str], "promises that are broken, a sentence each; the exit code is 1 if there are any"]
