@@ -15,6 +15,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.layers import RefinedFrame
 from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
+from lidarcodec.recording.refinements import Refinements
 from lidarcodec.sensors.images import MAX_CELLS
 from lidarcodec.units import LASERS
 from lidarcodec.wire import unpack
@@ -28,7 +29,13 @@ NUMBER: Final = 0.25
 
 
 class Readable(Protocol):
-    """A file that gives messages. size: its bytes;  leave_out_rest: counts and logs that the rest is not read"""
+    """A file that gives messages.
+
+    size: its bytes;  refinements: those of messages that it gave, or will give soon
+    leave_out_rest: counts and logs that the rest is not read
+    """
+
+    refinements: Refinements
 
     @property
     def size(self) -> int: ...

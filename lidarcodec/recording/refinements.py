@@ -53,6 +53,10 @@ class Refinements:
             self._bytes -= sum(map(len, left_out))
             self.unread += len(left_out)
 
+    def untaken(self) -> int:
+        """How many refinements nobody took, `unread` ones included."""
+        return self.unread + sum(map(len, self._of.values()))
+
     def take(self, message: Message) -> list[bytes]:
         """The refinements of a message's frame, which are then kept no longer."""
         found = self._of.pop((message.stream_id, message.frame_index), [])

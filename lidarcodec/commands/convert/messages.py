@@ -77,6 +77,10 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
     kept = output.kept or out
     if left_out:
         log.warning("%s: %d damaged messages were left out", path, left_out)
+    if refinements := reader.refinements.untaken():
+        log.warning(
+            "%s: %d refinements were left out: the bag holds what was coded within the base error", path, refinements
+        )
     found = Converted(
         output=str(kept), form=FORM, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1, beside=[],
         frames=frames, packets=None, points=None, positions=0,

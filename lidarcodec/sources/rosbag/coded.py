@@ -13,6 +13,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.recording.refinements import Refinements
 
 log = logging.getLogger(__name__)
 
@@ -20,12 +21,13 @@ log = logging.getLogger(__name__)
 class CodedMessages:
     """Decodes messages of a bag, with a limit of work in proportion to the size of its files.
 
-    size: bytes of the files
+    size: bytes of the files;  refinements: none, because bags have no topic for them
     Counts, as of a recording: `undecoded messages`, `missing references`, `frames without packets`, `damaged`
     """
 
     def __init__(self, path: Path, files: Iterable[Path], counts: Counter[str], *, warn: bool) -> None:
         self.size = sum(file.stat().st_size for file in files)
+        self.refinements = Refinements()
         self._path, self._counts, self._warn = path, counts, warn
 
     def leave_out_rest(self, why: str) -> None:

@@ -80,7 +80,7 @@ def _bag(recording: Path, out: Path) -> int:
     out.mkdir()
     name = f"{out.name}_0.mcap"
     with open_source(recording) as source, (out / name).open("wb") as file:
-        bag = Bag(Wanted("rosbag"), file, source.sensor, None)
+        bag = Bag(Wanted("rosbag"), file, source)
         for packet in source.packets():
             bag.write(packet)
         bag.close()
