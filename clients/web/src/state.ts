@@ -30,6 +30,8 @@ export const minutes = signal<Minutes>(new Map());
 export const codecs = signal<Codec[]>([]);
 export const schema = signal<Schema | null>(null);
 export const links = signal<Link[]>([]);
+/** Names of the maps that the server has. */
+export const maps = signal<string[]>([]);
 
 export const chosen = signal<string | null>(fromHash());
 export const chosenRow = computed(() => rows.value?.find((row) => keyOf(row) === chosen.value) ?? null);
@@ -45,6 +47,11 @@ const filledAnyway = signal<ReadonlySet<string>>(new Set());
 export const fillGaps = computed(() =>
   fillsFor(chosenRow.value, stream.value) ? options.value.fillGaps : filledAnyway.value.has(chosen.value ?? ""),
 );
+/** The options, as they hold for the chosen stream and this server. */
+export const optionsInForce = computed<ViewOptions>(() => {
+  const { map } = options.value;
+  return { ...options.value, fillGaps: fillGaps.value, map: map !== null && maps.value.includes(map) ? map : null };
+});
 export const mayChange = computed(() => session.value?.role === "operator");
 
 /** Whether a token is needed, and there is none. */
@@ -166,14 +173,16 @@ async function askFleet(): Promise<void> {
 }
 
 async function askTables(): Promise<void> {
-  const [table, common, presets] = await Promise.all([
+  const [table, common, presets, towns] = await Promise.all([
     call<Codec[]>("GET", "api/v1/codecs"),
     call<Schema>("GET", "api/v1/settings"),
     call<Link[]>("GET", "api/v1/links"),
+    call<{ name: string }[]>("GET", "api/v1/maps"),
   ]);
   codecs.value = table.body;
   schema.value = common.body;
   links.value = presets.body;
+  maps.value = towns.body.map(({ name }) => name);
 }
 
 let watching: Poller | null = null;

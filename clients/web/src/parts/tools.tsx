@@ -8,11 +8,13 @@ const CAMERAS: Camera[] = ["orbit", "follow"];
 export function ViewTools({
   options,
   set,
+  maps,
   fillGaps,
   setFillGaps,
   savePicture,
 }: {
   options: ViewOptions;
+  maps: string[];
   set: (changed: Partial<ViewOptions>) => void;
   fillGaps: boolean;
   setFillGaps: (on: boolean) => void;
@@ -58,6 +60,17 @@ export function ViewTools({
           onInput={(event) => set({ trail: event.currentTarget.valueAsNumber })}
         />
       </label>
+      {maps.length > 0 && (
+        <label>
+          Map
+          <select value={options.map ?? ""} onChange={(event) => set({ map: event.currentTarget.value || null })}>
+            <option value="">none</option>
+            {maps.map((one) => (
+              <option key={one}>{one}</option>
+            ))}
+          </select>
+        </label>
+      )}
       <Check text="Range image" on={options.rangeImage} set={(on) => set({ rangeImage: on })} />
       <Check text="Fill gaps" on={fillGaps} set={setFillGaps} />
       <Check text="Compare" on={options.compare} set={(on) => set({ compare: on })} />

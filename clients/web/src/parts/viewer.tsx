@@ -8,8 +8,10 @@ import {
   chosen,
   chosenRow,
   fillGaps,
+  maps,
   nameOf,
   options,
+  optionsInForce,
   rows,
   setFillGaps,
   setOptions,
@@ -31,7 +33,7 @@ export function Viewer() {
 
   useEffect(() => {
     if (!host.current) return;
-    const made = createView(host.current, { ...options.value, fillGaps: fillGaps.value });
+    const made = createView(host.current, optionsInForce.value);
     made.onstats((told) => {
       stats.value = told;
       document.title = titleOf(told.points);
@@ -52,8 +54,8 @@ export function Viewer() {
   useEffect(() => (key !== null && known ? watchStream(key) : undefined), [key, known]);
 
   useEffect(() => {
-    view.current?.set({ ...options.value, fillGaps: fillGaps.value });
-  }, [options.value, fillGaps.value]);
+    view.current?.set(optionsInForce.value);
+  }, [optionsInForce.value]);
 
   async function savePicture() {
     const told = stats.value;
@@ -69,6 +71,7 @@ export function Viewer() {
       <ViewTools
         options={options.value}
         set={setOptions}
+        maps={maps.value}
         fillGaps={fillGaps.value}
         setFillGaps={setFillGaps}
         savePicture={() => void savePicture()}

@@ -9,6 +9,7 @@ import { captioned } from "./draw/picture";
 import { Renderer, type Scene } from "./draw/renderer";
 import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
+import { MapTiles } from "./map/tiles";
 import { headingOf } from "./matrix";
 import { Measure } from "./measure/measure";
 import { Motion } from "./motion";
@@ -112,6 +113,7 @@ export class LiveView implements View, Sink {
       rangeImage: options.rangeImage,
       ground: this.#ground.z,
       pose: null,
+      map: null,
       theme: this.#theme.theme,
       shaded: true,
     };
@@ -140,12 +142,14 @@ export class LiveView implements View, Sink {
   open(stream: StreamName, token?: string): void {
     this.close();
     this.#stream = { stream, token };
+    this.#chooseMap();
     this.#connect();
   }
 
   close(): void {
     this.#disconnect();
     this.#stream = null;
+    this.#chooseMap();
     this.#clear();
     this.#report();
   }
@@ -153,7 +157,8 @@ export class LiveView implements View, Sink {
   set(changed: Partial<ViewOptions>): void {
     const before = this.#options;
     this.#options = { ...before, ...changed };
-    const { camera, compare, decodeInBrowser, fillGaps, trail } = this.#options;
+    const { camera, compare, decodeInBrowser, fillGaps, map, trail } = this.#options;
+    if (map !== before.map) this.#chooseMap();
     if (camera !== before.camera) this.#camera.reset(camera);
     this.#measure.on = this.#options.measure;
     if (trail < before.trail) this.#renderer?.layers.shorten(trail);
@@ -216,6 +221,14 @@ export class LiveView implements View, Sink {
     const { compare, decodeInBrowser, fillGaps } = this.#options;
     const Source = decodeInBrowser && !compare ? DecodingSource : CloudSocket; // the originals come decoded only
     this.#source = new Source({ ...this.#stream, original: compare, fill: fillGaps }, this);
+  }
+
+  /** Draw the map of the options, for streams that are opened with a token. */
+  #chooseMap(): void {
+    this.#scene.map?.close();
+    const name = this.#stream ? this.#options.map : null;
+    this.#scene.map = name === null ? null : new MapTiles(name, this.#stream?.token, () => this.#wake());
+    this.#wake();
   }
 
   #disconnect(): void {
@@ -325,6 +338,7 @@ export class LiveView implements View, Sink {
       );
     }
     if (!taken || !this.#last) return false;
+    this.#scene.map?.move(this.#motion.known ? this.#motion.pose : null, now);
     if (this.#motion.known) {
       const heading = headingOf(this.#motion.pose);
       this.#heading ??= heading;
@@ -386,7 +400,7 @@ export class LiveView implements View, Sink {
       ...stats,
       connection: this.#gl ? (source?.connection ?? "closed") : "refused",
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
-      note: source?.note ?? null,
+      note: source?.note ?? this.#scene.map?.note ?? null,
       alive: source?.alive ?? null,
       comparison: this.#comparison,
       gpuBytes,

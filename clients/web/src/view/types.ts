@@ -21,6 +21,8 @@ export interface ViewOptions {
   fillGaps: boolean;
   /** Show the fields of the points that are clicked, and the distance of two. */
   measure: boolean;
+  /** Name of the map that is drawn under the cloud; null for none. */
+  map: string | null;
 }
 
 export const DEFAULT_OPTIONS: ViewOptions = {
@@ -33,6 +35,7 @@ export const DEFAULT_OPTIONS: ViewOptions = {
   decodeInBrowser: false,
   fillGaps: true,
   measure: false,
+  map: null,
 };
 
 export interface StreamName {
@@ -57,7 +60,7 @@ export interface ViewStats {
   /** State of the socket. `refused`: the server refused it, `problem` says why, and the page does not try again. */
   connection: "closed" | "opening" | "open" | "waiting" | "refused";
   problem: string | null;
-  /** A note that is not a problem: the server decodes because the page cannot. */
+  /** A note that is not a problem: the server decodes because the page cannot, or why the map is not drawn. */
   note: string | null;
   /** From the socket's events: whether the vehicle's publisher is online; null while unknown. */
   alive: boolean | null;

@@ -1,5 +1,7 @@
 /** Draws the frames that are on the card. Nothing is allocated while it draws. */
 
+import { MapLayer } from "../map/layer";
+import type { MapTiles } from "../map/tiles";
 import { between, identity, type Matrix, multiply, type Pose } from "../matrix";
 import { MAX_RINGS, type RangeFrame } from "../stream/frame";
 import { type SensorTable, TEXELS } from "../stream/sensor";
@@ -37,6 +39,8 @@ export interface Scene {
   ground: number;
   /** Where the sensor is now, if that is known. */
   pose: Pose | null;
+  /** The map under the cloud. */
+  map: MapTiles | null;
   theme: Theme;
   /** Shade edges: costs a pass over all pixels. */
   shaded: boolean;
@@ -48,6 +52,7 @@ export class Renderer {
   readonly #ground: Program;
   readonly #image: Program;
   readonly #labels: Labels;
+  readonly #map: MapLayer;
   readonly #surface: Surface;
   readonly #sensor: Texture;
   readonly #turn: Texture;
@@ -69,6 +74,7 @@ export class Renderer {
     this.#ground = new Program(gl, GROUND_VERTEX, GROUND_FRAGMENT);
     this.#image = new Program(gl, COVER_VERTEX, IMAGE_FRAGMENT);
     this.#labels = new Labels(gl);
+    this.#map = new MapLayer(gl);
     this.#surface = new Surface(gl);
     this.#sensor = new Texture(gl, rgba32f, TEXELS, MAX_RINGS);
     this.#maps = new Texture(gl, rgba8, STEPS, MAPS.length);
@@ -89,7 +95,8 @@ export class Renderer {
 
   /** Memory of the card that textures take, in bytes. */
   get bytes(): number {
-    return this.layers.bytes + this.#surface.bytes + this.#sensor.bytes + this.#turn.bytes + this.#maps.bytes;
+    const tables = this.#sensor.bytes + this.#turn.bytes + this.#maps.bytes;
+    return this.layers.bytes + this.#map.bytes + this.#surface.bytes + tables;
   }
 
   /** Of the canvas, in device pixels. */
@@ -127,6 +134,7 @@ export class Renderer {
       this.#frameRect(pane.cloud);
       this.viewOf(camera, scene, pane, this.#both);
       this.#drawGround(scene);
+      this.#map.draw(scene.map, this.#both, scene.pose, scene.pointSize, scene.theme);
       this.#drawPoints(scene, scene.compare && number === 0, scene.compare && number === 1);
       gl.enable(gl.BLEND);
       this.#labels.draw(this.#both, scene.ground, pane.cloud.wide, pane.cloud.high, scene.ratio, scene.theme.ink);
@@ -162,7 +170,7 @@ export class Renderer {
 
   delete(): void {
     this.layers.clear();
-    for (const one of [this.#points, this.#ground, this.#image, this.#labels, this.#surface]) one.delete();
+    for (const one of [this.#points, this.#ground, this.#image, this.#labels, this.#map, this.#surface]) one.delete();
     for (const one of [this.#sensor, this.#turn, this.#maps]) one.delete();
   }
 
