@@ -67,9 +67,10 @@ class MapFetch:
         around = self._around
         if around is None:
             return list(manifest.tiles)
-        wanted = [tile for tile in manifest.tiles if tile.distance_m(around.x_m, around.y_m) <= around.radius_m]
+        near = {tile for _, tile in manifest.near(around.x_m, around.y_m, around.radius_m)}
+        wanted = [tile for tile in manifest.tiles if tile in near]
         if not wanted:
-            bounds = manifest.summary()["bounds_m"]
+            bounds = manifest.bounds_m
             where = "has no tiles" if bounds is None else "lies between x {} and y {}, x {} and y {}".format(*bounds)
             raise SettingsError(
                 f"there is no tile within {around.radius_m:g} m of {around.x_m:g},{around.y_m:g}: map "

@@ -9,7 +9,9 @@ import base64
 import binascii
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 from lidarcodec.errors import DecodeError, SourceError
@@ -64,29 +66,51 @@ class Manifest:
     path: Piece
     tiles: tuple[Piece, ...]
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Bytes of all tiles and the path."""
         return self.path.size + sum(tile.size for tile in self.tiles)
 
+    @cached_property
+    def by_place(self) -> dict[tuple[int, int], Piece]:
+        """The tiles by their place, in the order of the file."""
+        return {tile.place: tile for tile in self.tiles if tile.place is not None}
+
+    @cached_property
+    def bounds_m(self) -> tuple[int, int, int, int] | None:
+        """Smallest x and y, and largest x and y, of the tiles; None if there are none."""
+        if not self.by_place:
+            return None
+        xs, ys = {x for x, _ in self.by_place}, {y for _, y in self.by_place}
+        return TILE_M * min(xs), TILE_M * min(ys), TILE_M * (max(xs) + 1), TILE_M * (max(ys) + 1)
+
+    def near(self, x_m: float, y_m: float, radius_m: float) -> list[tuple[float, Piece]]:
+        """Tiles within a distance of a position, the nearest first, each behind its distance in metres."""
+        tiles: Iterable[Piece] = self.tiles
+        if (2 * radius_m / TILE_M + 3) ** 2 < len(self.tiles):  # then looking around is less work
+            columns, rows = (
+                range(math.floor((at - radius_m) / TILE_M), math.floor((at + radius_m) / TILE_M) + 1)
+                for at in (x_m, y_m)
+            )
+            tiles = [self.by_place[x, y] for x in columns for y in rows if (x, y) in self.by_place]
+        found = [(tile.distance_m(x_m, y_m), tile) for tile in tiles]
+        return sorted((one for one in found if one[0] <= radius_m), key=lambda one: one[0])
+
     def summary(self) -> dict[str, Any]:
         """The map in a list of maps: JSON."""
         head, frame = self.about.head, self.about.head.frame
-        places = [tile.place for tile in self.tiles if tile.place is not None]
-        xs, ys = [x for x, _ in places], [y for _, y in places]
-        bounds = [min(xs), min(ys), max(xs) + 1, max(ys) + 1] if places else []
         return {
             "name": self.name,
             "version": self.version,
             "points": self.about.points,
             "bytes": self.size,
-            "tiles": len(places),
+            "tiles": len(self.tiles),
             "tile_m": TILE_M,
             "step_m": head.step_m,
             "length_m": round(self.about.length_m, 1),
             "frame": f"UTM {frame.zone}{'S' if frame.south else 'N'}" if frame.zone else "local",
             "origin": list(frame.origin) if frame.zone else None,
-            "bounds_m": [TILE_M * one for one in bounds] or None,
+            "bounds_m": self.bounds_m and list(self.bounds_m),
         }
 
     def page(self, begin: int) -> dict[str, Any]:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from pathlib import Path
 
 from lidarcodec.maps.served.shelf import ENDING
@@ -42,10 +43,10 @@ def open_map(
 
     where: a file that ends in `.lcmap`, or the name of a map that is served on the network
     endpoints: of the network; by default this machine's. transport: an open session instead; the caller closes it
-    cache: folder for coded tiles of at most `max_cache_bytes`; without one they stay in memory. `map serve` and the
-    server hand out tiles only, so a map that is fetched once works without a network for as long as it is in the cache
+    cache: folder for coded tiles of at most `max_cache_bytes`, of which none is fetched again; without one they stay in
+    memory
     radius_m, max_points, in_flight: see MapTiles
-    patience_s: how long the list of tiles is waited for
+    patience_s: how long the network is waited for, and then the list of tiles
 
     Raises SourceError if there is no such map, TransportError, SettingsError.
     """
@@ -54,7 +55,7 @@ def open_map(
     if path.suffix.lower() == ENDING:
         return MapTiles(FileTiles(path), **options)  # type: ignore[arg-type]
     store = MemoryPieces(max_cache_bytes) if cache is None else FolderPieces(cache, max_cache_bytes)
-    session = transport or open_transport(endpoints)
+    session = transport or _opened(endpoints, patience_s)
     closing = session.close if transport is None else lambda: None
     try:
         source = NetworkTiles(str(where), lambda: session, store, patience_s)
@@ -64,3 +65,14 @@ def open_map(
         raise
     source.patience_s = math.inf  # the vehicle drives on, and the network comes back
     return tiles
+
+
+def _opened(endpoints: Endpoints | None, patience_s: float) -> Transport:
+    """A session; one that must reach a router tries for so long. Raises TransportError."""
+    stop = threading.Event()
+    timer = threading.Timer(patience_s, stop.set)
+    timer.start()
+    try:
+        return open_transport(endpoints, stop=stop)
+    finally:
+        timer.cancel()

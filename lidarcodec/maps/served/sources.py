@@ -12,9 +12,10 @@ from typing import Any, Final, Protocol
 
 from lidarcodec.errors import LidarCodecError, SourceError, TransportError
 from lidarcodec.maps.served.answers import HEAD, PART
-from lidarcodec.maps.served.manifest import KEY, MAX_TILES, PAGE, Manifest, Piece, check_map_name, manifest_of
-from lidarcodec.maps.served.shelf import ShelvedMap
+from lidarcodec.maps.served.manifest import KEY, MAX_TILES, Manifest, Piece, check_map_name, manifest_of
+from lidarcodec.maps.served.shelf import MAX_MAPS, ShelvedMap
 from lidarcodec.maps.served.stores import Pieces
+from lidarcodec.settings import is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import MAX_EVENT_BYTES
 from lidarcodec.transport.part_size import PartSize
@@ -111,14 +112,12 @@ class NetworkTiles:
             first = self._told({"have": have.version} if have is not None else {})
             if have is not None and first.get("same") is True and first.get("version") == have.version:
                 return have
-            pages, version = [first], first.get("version")
-            count = _counted(first)
-            while (listed := sum(map(_counted, pages))) < MAX_TILES and count == PAGE:
+            pages, version, wanted = [first], first.get("version"), _tiles_of(first)
+            while _counted(pages[-1]) and (listed := sum(map(_counted, pages))) < wanted:
                 page = self._told({"from": listed})
                 if page.get("version") != version:
                     break
                 pages.append(page)
-                count = _counted(page)
             else:
                 return manifest_of(self.name, pages)
         raise SourceError(f"map '{self.name}' changed {MAX_CHANGES} times while its list of tiles was fetched")
@@ -167,12 +166,14 @@ class NetworkTiles:
 
     def _told(self, question: dict[str, Any]) -> dict[str, Any]:
         """The answer to a question about the list of tiles."""
+        begun_s = time.monotonic()
         while True:
             told = _object(self._ask(f"{KEY}/{self.name}", question)[0])
             if "error" not in told:
                 return told
             retry_s = told.get("retry_s")
-            if not isinstance(retry_s, int | float) or isinstance(retry_s, bool):
+            late = time.monotonic() - begun_s > self.patience_s
+            if late or not isinstance(retry_s, int | float) or isinstance(retry_s, bool):
                 raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
             self._pause(min(max(float(retry_s), 0.05), LONGEST_WAIT_S))
 
@@ -223,8 +224,9 @@ def maps_on(transport: Transport, timeout_s: float = ANSWER_S) -> list[dict[str,
             logger.warning("a list of maps is refused: %s", error)
             continue
         for one in told if isinstance(told, list) else ():
-            if isinstance(one, dict) and isinstance(one.get("name"), str):
-                found.setdefault(one["name"], one)
+            name = one.get("name") if isinstance(one, dict) else None
+            if isinstance(name, str) and is_name(name) and len(found) < MAX_MAPS:
+                found.setdefault(name, one)
     return [one for _, one in sorted(found.items())]
 
 
@@ -233,6 +235,12 @@ def _object(answer: bytes) -> dict[str, Any]:
         return read_object(answer, MAX_EVENT_BYTES)
     except JsonRefusedError as error:
         raise SourceError(f"the answer about a map cannot be read: {error}") from None
+
+
+def _tiles_of(page: dict[str, Any]) -> int:
+    """The number of tiles that a page says the map has, within what is allowed."""
+    tiles = page.get("tiles")
+    return min(tiles, MAX_TILES) if isinstance(tiles, int) else 0
 
 
 def _counted(page: dict[str, Any]) -> int:

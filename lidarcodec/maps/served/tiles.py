@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import DecodeError, LidarCodecError, SettingsError, SourceError, told
-from lidarcodec.maps.file import TILE_M, Head, path_of
+from lidarcodec.maps.file import Head, path_of
 from lidarcodec.maps.points import MapPoints
 from lidarcodec.maps.served.manifest import Manifest, Piece
 from lidarcodec.maps.served.sources import ChangedMapError, StoppedFetchError, TileSource
@@ -129,7 +129,7 @@ class MapTiles:
     @property
     def places(self) -> list[Place]:
         """All tiles of the map, in widths of a tile."""
-        return [tile.place for tile in self._manifest.tiles if tile.place is not None]
+        return list(self._manifest.by_place)
 
     def move(self, x_m: float, y_m: float) -> None:
         """Hold the tiles around this position in the map, in metres. Returns at once.
@@ -200,7 +200,7 @@ class MapTiles:
         """Go over to a list of tiles; those that did not change stay."""
         before = getattr(self, "_manifest", manifest)
         self._manifest = manifest
-        self._tiles = {tile.place: tile for tile in manifest.tiles if tile.place is not None}
+        self._tiles = manifest.by_place
         alike = before.about.head == manifest.about.head  # another head decodes the same bytes otherwise
         kept = {
             place: (name, tile)
@@ -216,20 +216,9 @@ class MapTiles:
         """Find out which tiles are wanted around the position, the nearest first, and drop those that are far."""
         if self._position is None:
             return
-        near = self._near(self._position, self._radius_m + MARGIN_M)
+        near = self._manifest.near(*self._position, self._radius_m + MARGIN_M)
         self._wanted = [tile for away, tile in near if away <= self._radius_m]
         self._drop_others(tile for _, tile in near)
-
-    def _near(self, position: tuple[float, float], reach_m: float) -> list[tuple[float, Piece]]:
-        """Tiles within a distance, the nearest first."""
-        tiles: Iterable[Piece] = self._tiles.values()
-        if (2 * reach_m / TILE_M + 3) ** 2 < len(self._tiles):  # then looking around is less work
-            columns, rows = (
-                range(math.floor((at - reach_m) / TILE_M), math.floor((at + reach_m) / TILE_M) + 1) for at in position
-            )
-            tiles = [self._tiles[x, y] for x in columns for y in rows if (x, y) in self._tiles]
-        found = [(tile.distance_m(*position), tile) for tile in tiles]
-        return sorted((one for one in found if one[0] <= reach_m), key=lambda one: one[0])
 
     def _drop_others(self, kept: Iterable[Piece]) -> None:
         gone = self._here.keys() - {tile.place for tile in kept}

@@ -98,7 +98,7 @@ def one_map(
         )
     tiles = manifest.tiles
     if x is not None and y is not None:
-        tiles = tuple(tile for tile in tiles if tile.distance_m(x, y) <= radius)
+        tiles = tuple(tile for _, tile in manifest.near(x, y, radius))
     shown = tiles[first : first + PAGE]
     places = [
         TileAnswer(x=tile.place[0], y=tile.place[1], bytes=tile.size, hash=tile.hash) for tile in shown if tile.place

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from lidarcodec.errors import TransportError
 from lidarcodec.maps import open_map, read_map
 from lidarcodec.maps.served.answers import HEAD
 from lidarcodec.maps.served.fetching import MapFetch, write_fetched
@@ -18,6 +19,7 @@ from lidarcodec.maps.served.stores import FolderPieces
 from lidarcodec.transport import Endpoints, open_transport, part_size
 from tests.apps.relay import Relay
 from tests.command_line import run_here, start, the_one_line
+from tests.maps.served.conftest import write
 from tests.maps.towns import same_points
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
@@ -44,7 +46,12 @@ class Serving:
         return self._process.returncode, errors
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def town(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("maps") / "town.lcmap")
+
+
+@pytest.fixture(scope="module")
 def serving(town):
     made = Serving(town)
     yield made
@@ -72,6 +79,12 @@ def test_a_map_comes_whole_or_in_part_and_what_is_not_there_is_one_line(serving,
     assert "lies between x 0 and y -50, x 250 and y 50" in the_one_line(far)
     for words in (("--around", "x"), ("--around", "1,nan"), ("--radius", "3")):
         assert fetch(serving, "town", tmp_path / "a.lcmap", *words).returncode == 2
+
+
+def test_a_network_that_cannot_be_reached_is_waited_for_and_told(tmp_path):
+    nobody = Endpoints.of(f"tcp/127.0.0.1:{free_port()}")
+    with pytest.raises(TransportError, match="could be reached"):
+        open_map("town", endpoints=nobody, patience_s=0.2)
 
 
 def test_twenty_vehicles_at_once_get_all_tiles(serving, town):

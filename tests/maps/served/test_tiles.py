@@ -190,6 +190,8 @@ HOSTILE_LISTS = [
     b"[]",
     b'{"version": 3}',
     b'{"error": {"deep": [1]}}',
+    b'{"error": "too often", "retry_s": 0}',
+    b'{"error": "too often", "retry_s": true}',
     {"head": "AAAA"},
     {"version": "x" * 64},
     {"places": [[0, 0, 10**12, "0" * 64]]},
@@ -260,4 +262,5 @@ def test_maps_of_all_servers_are_listed(ends, town, server, tmp_path):
     other = MapAnswers(MapShelf([write(tmp_path / "b.lcmap", 30.0)]))
     ends[0].answer_under(f"{KEY}/**", other.answer)
     ends[0].answer(KEY, lambda data: b"[[[")
+    ends[0].answer(KEY, lambda data: json.dumps({"maps": [{"name": "\x1b[2J"}, {"name": 3}, 7]}).encode())
     assert eventually(lambda: [one["name"] for one in maps_on(ends[1], 1.0)] == ["b", "town"])
