@@ -62,8 +62,9 @@ def push(
     """Upload the recordings of a folder as `VEHICLE/SENSOR/FILE`, oldest first, each with its SHA-256 in
     `FILE.sha256.json`.
 
-    A file that is being written waits for the next time. delete: remove a file here after it was read back from the
-    store and is the same. Returns numbers: `uploaded`, `bytes`, `already_there`, `deleted`, `still_written`,
+    Recordings of a server lie in a folder each, whose name becomes a part of FILE. A file that is being written waits
+    for the next time. delete: remove a file here after it was read back from the store and is the same; those of a
+    server stay, for it knows them. Returns numbers: `uploaded`, `bytes`, `already_there`, `deleted`, `still_written`,
     `unreadable`, `gone` (removed by another program meanwhile).
     Raises SourceError if the store holds something else than was sent, OSError.
     """
@@ -86,12 +87,13 @@ def push(
             continue
         before = os.fstat(file.fileno())
         with file:  # open from here on: if the recorder removes the file, its bytes stay
-            name = _name(file, path.name)
+            served = path.parent != folder
+            name = _name(file, f"{path.parent.name}-{path.name}" if served else path.name)
             if name is None:
                 counts["unreadable"] += 1
                 continue
             told = _uploaded(file, name, store, rate, counts)
-            if delete:
+            if delete and not served:
                 _check_stored(store, name, told["sha256"], path)
                 counts["deleted"] += _delete(path, before)
         tick()
@@ -101,7 +103,7 @@ def push(
 def _oldest_first(folder: Path) -> list[Path]:
     """The recordings in a folder. Those that vanish meanwhile are left out."""
     found = []
-    for path in folder.glob("*.mcap"):
+    for path in (*folder.glob("*.mcap"), *folder.glob("*/*.mcap")):
         with contextlib.suppress(FileNotFoundError):
             found.append((path.stat().st_mtime_ns, path.name, path))
     return [path for _, _, path in sorted(found)]

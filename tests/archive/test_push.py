@@ -89,6 +89,15 @@ def test_a_pipe_and_a_changed_recording_are_kept(folder, tmp_path):
     assert path.exists()
 
 
+def test_recordings_of_a_server_go_the_same_way_and_stay(folder, tmp_path):
+    (shelf := folder / "20261121T101500Z-3fa2c9").mkdir()
+    (folder / "car-7_roof_1.mcap").rename(shelf / "car-7_roof_1.mcap")
+    counts = push(folder, FolderStore(tmp_path / "store"), rate=Rate(None), delete=True)
+    assert (counts["uploaded"], counts["deleted"]) == (2, 1)
+    assert (tmp_path / "store/car-7/roof/20261121T101500Z-3fa2c9-car-7_roof_1.mcap").exists()
+    assert (shelf / "car-7_roof_1.mcap").exists()
+
+
 def test_a_rate_is_kept():
     now, slept = [0.0], []
 

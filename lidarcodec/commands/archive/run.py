@@ -138,6 +138,8 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
         raise SettingsError("--job reduce takes reduction=NAME and keep_points or keep_fraction, and nothing else")
     if wanted.policy is not None:
         Policy.of(wanted.policy, 0, _made)
+    if wanted.before is not None:
+        time_ns(wanted.before)
     return job, archive_settings(settings)
 
 
