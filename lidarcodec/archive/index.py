@@ -86,7 +86,7 @@ class _Group(NamedTuple):
 
 
 def _groups(state: _State) -> Iterator[_Group]:
-    """Tables that are to be joined, at least FAN_IN in a group, with at most LARGEST segments."""
+    """Tables that are to be joined: FAN_IN in a group, or fewer that together have LARGEST segments."""
     tiers: dict[int, list[tuple[str, frozenset[str], frozenset[str]]]] = {}
     for name in state.rest:
         tiers.setdefault(0, []).append((name, frozenset((str(part_segment(name)),)), frozenset()))
@@ -96,8 +96,9 @@ def _groups(state: _State) -> Iterator[_Group]:
         group: list[tuple[str, frozenset[str], frozenset[str]]] = []
         for at, member in enumerate(members):
             group.append(member)
-            whole = at + 1 == len(members) or sum(len(one[1]) for one in (*group, members[at + 1])) > LARGEST
-            if whole and len(group) >= FAN_IN:
+            last = at + 1 == len(members)
+            whole = last or sum(len(one[1]) for one in (*group, members[at + 1])) > LARGEST
+            if whole and len(group) >= (FAN_IN if last else max(2, FAN_IN // 4)):
                 hidden = frozenset().union(*(one[2] for one in group))
                 yield _Group(Tables([one[0] for one in group], hidden), sorted(set().union(*(one[1] for one in group))))
             if whole:
