@@ -1,4 +1,4 @@
-"""Writes docs/evaluation.md from evidence.md and the files in results/, and the table of README.md.
+"""Writes docs/evaluation.md from evidence.md and the files in results/, and tables of README.md and of a guide.
 
     python -m benchmarks.evidence
 
@@ -28,6 +28,8 @@ TEMPLATE: Final = Path(__file__).with_name("evidence.md")
 PAGE: Final = ROOT / "docs" / "evaluation.md"
 README: Final = ROOT / "README.md"
 MARKS: Final = Marks("<!-- figures: make evidence -->", "<!-- end of figures -->")
+GUIDE: Final = ROOT / "docs" / "guides" / "archive.md"
+GUIDE_MARKS: Final = Marks("<!-- cost: make evidence -->", "<!-- end of cost -->")
 SHOWN: Final = (
     ("xz 6, bare packets", "xz over the bare packets", "packets identical"),
     ("pcodec", "`pcodec`, the default, lossless", "packets identical"),
@@ -90,10 +92,17 @@ def table_of_readme() -> str:
     return "\n".join(lines)
 
 
+def tables_of_guide() -> str:
+    """The tables of the guide to an archive: a month of a fleet, and what was measured of large archives."""
+    found = [read(f"archive/{name}") for name in ("month", "measures")]
+    return "\n\n".join(f"{one.fields['about']}\n\n{one.markdown()}\n\n{one.where()}" for one in found)
+
+
 def main() -> int:
-    """Write both."""
+    """Write all of them."""
     PAGE.write_text(page())
     MARKS.write(README, table_of_readme())
+    GUIDE_MARKS.write(GUIDE, tables_of_guide())
     return 0
 
 

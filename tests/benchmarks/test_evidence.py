@@ -7,7 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.evidence import MARKS, PAGE, README, TEMPLATE, page, table_of_readme
+from benchmarks.evidence import (
+    GUIDE,
+    GUIDE_MARKS,
+    MARKS,
+    PAGE,
+    README,
+    TEMPLATE,
+    page,
+    table_of_readme,
+    tables_of_guide,
+)
 from benchmarks.results import FIELDS, FOLDER, Result, from_markdown, parse, read, write
 
 FILES = sorted(FOLDER.rglob("*.csv"))
@@ -19,6 +29,10 @@ def test_the_page_is_what_the_program_writes() -> None:
 
 def test_the_table_of_the_readme_is_what_the_program_writes() -> None:
     assert MARKS.read(README) == table_of_readme(), "make evidence writes it"
+
+
+def test_the_tables_of_the_guide_are_what_the_program_writes() -> None:
+    assert GUIDE_MARKS.read(GUIDE) == tables_of_guide(), "make evidence writes it"
 
 
 def test_the_prose_is_short_and_measured_figures_come_from_files() -> None:
