@@ -19,7 +19,7 @@ from lidarcodec.archive.names import id_of, json_of, part_segment
 from lidarcodec.archive.objects import read_joined
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.table import Tables, text_of, with_tables
+from lidarcodec.archive.table import Tables, duckdb_errors, text_of, with_tables
 from lidarcodec.errors import SourceError
 
 log = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ def _tier(segments: int) -> int:
 
 def _join(store: Store, group: _Group) -> None:
     ident = id_of("index", group.segments)
-    with scratch_folder() as folder, with_tables(store, group.tables) as connection:
+    with scratch_folder() as folder, duckdb_errors(), with_tables(store, group.tables) as connection:
         path = folder / "joined.parquet"
         connection.execute("SET threads = 1")  # so that equal rows give equal bytes
         connection.execute(

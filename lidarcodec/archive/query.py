@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.table import check_extra, with_tables
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.archive.table import duckdb_errors, with_tables
+from lidarcodec.errors import SourceError
 
 TRIES: Final = 3
 """So often a query is tried when tables were joined or replaced, and then removed, while it ran."""
@@ -43,27 +42,11 @@ def _answered(store: Store, answer: Callable[[Any], Answer]) -> Answer:
     tables = tables_to_read(store)
     for _ in range(TRIES - 1):
         try:
-            with _wrong(), with_tables(store, tables) as connection:
+            with duckdb_errors(), with_tables(store, tables) as connection:
                 return answer(connection)
         except (OSError, SourceError):
             before, tables = tables, tables_to_read(store)
             if before == tables:
                 raise
-    with _wrong(), with_tables(store, tables) as connection:
+    with duckdb_errors(), with_tables(store, tables) as connection:
         return answer(connection)
-
-
-@contextmanager
-def _wrong() -> Iterator[None]:
-    """Errors of a query as SettingsError, those of damaged tables as SourceError."""
-    check_extra()
-    import duckdb
-
-    try:
-        yield
-    except duckdb.IOException as error:
-        raise OSError(str(error).splitlines()[0]) from None
-    except duckdb.InvalidInputException as error:
-        raise SourceError(f"the archive has a damaged table: {str(error).splitlines()[0]}") from None
-    except duckdb.Error as error:
-        raise SettingsError(f"the query cannot be run: {str(error).splitlines()[0]}", "sql") from None

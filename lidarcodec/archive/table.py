@@ -6,6 +6,7 @@ Equal rows give equal bytes.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -15,7 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.errors import MissingExtraError
+from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from lidarcodec.frame import Frame
 
 COLUMNS: Final[Mapping[str, str]] = {
@@ -51,6 +52,8 @@ COLUMNS: Final[Mapping[str, str]] = {
 }
 """Columns and their types. docs/guides/archive.md explains them."""
 _PROTOCOL: Final = "archive"
+_OURS: Final = re.compile(r"[\w.]*Error: .")
+"""A line of an error that Python code of ours raised below DuckDB."""
 _SELECT: Final = ", ".join("make_timestamp_ns(stamp_ns) AS time" if name == "time" else f'"{name}"' for name in COLUMNS)
 
 
@@ -83,15 +86,38 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     lines.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     types = {name: kind for name, kind in COLUMNS.items() if name != "time"}
     try:
-        with duckdb.connect(config={"threads": 1}) as connection:
+        with duckdb_errors(), duckdb.connect(config={"threads": 1}) as connection:
             connection.execute(
                 f"COPY (SELECT {_SELECT} FROM read_json({text_of(lines)}, format = 'newline_delimited', "
                 f"columns = {types})) TO {text_of(path)} (FORMAT parquet, COMPRESSION zstd)"
             )
-    except duckdb.IOException as error:
-        raise OSError(str(error).splitlines()[0]) from None
     finally:
         lines.unlink(missing_ok=True)
+
+
+@contextmanager
+def duckdb_errors() -> Iterator[None]:
+    """Errors of a query as SettingsError, those of damaged tables as SourceError, those of a store as OSError."""
+    check_extra()
+    import duckdb
+
+    try:
+        yield
+    except duckdb.IOException as error:
+        raise OSError(_line(error)) from None
+    except duckdb.InvalidInputException as error:
+        raise SourceError(f"the archive has a damaged table: {_line(error)}") from None
+    except duckdb.Error as error:
+        if type(error) is duckdb.Error:  # our own error while it read the store, as a text with all its calls
+            raise OSError(_line(error)) from None
+        raise SettingsError(f"the query cannot be run: {_line(error)}", "sql") from None
+
+
+def _line(error: Exception) -> str:
+    """The line of an error that says what happened."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    ours = (line for line in reversed(lines) if _OURS.match(line))
+    return next(ours, lines[0] if lines else type(error).__name__)[:500]
 
 
 class Tables(NamedTuple):

@@ -212,3 +212,30 @@ def test_a_full_disk_is_an_error_of_the_store(tmp_path, monkeypatch):
         store.create("a", b"1")
     with pytest.raises(OSError, match="No space left"):
         store.upload("a", [b"1"])
+
+
+@pytest.mark.parametrize("reads", [0, 1])
+def test_a_store_that_fails_while_tables_are_read_is_an_error_of_the_store(tmp_path, reads):
+    """DuckDB tells such an error as a text of its own."""
+
+    class Failing(FolderStore):
+        def file(self, name):
+            return None
+
+        def read(self, name, start=0, length=None):
+            if name.endswith(".parquet"):
+                raise OSError("the connection was cut")
+            return super().read(name, start, length)
+
+    store = Failing(tmp_path / "store")
+    segment = id_of("segment")
+    write_table([dict.fromkeys(COLUMNS) | {"segment": segment}], tmp_path / "part.parquet")
+    store.create(f"frames/car-7/roof/{segment}-{'0' * 16}.parquet", tmp_path / "part.parquet")
+    store.create(Commit("car-7", "roof", 1, 1, ORIGIN, segment).name, b"{}")
+    with pytest.raises(OSError, match="the connection was cut"):
+        query(store, "select * from frames") if reads else index_module._join(store, _the_one_group(store))
+
+
+def _the_one_group(store):
+    tables = index_module.tables_to_read(store)
+    return index_module._Group(tables, [id_of("segment")])
