@@ -19,5 +19,9 @@ ROWS = (
     "hostile_rest",
     "hostile_zenoh",
     "archive_killed",
+    "archive_cluster_killed",
+    "archive_store_errors",
+    "archive_disk_full",
+    "archive_clock_jumped",
 )
 """Modules, in the order of the table."""
