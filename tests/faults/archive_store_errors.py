@@ -159,7 +159,7 @@ def run(seed: int = SEED) -> Outcome:
         "nothing: the same objects, byte for byte, as of an undisturbed run",
         "driver: `tried_again`, `left` (exit code 1) until a run completes it",
         {
-            "note": f"{faults} of {counts['requests']} requests disturbed; complete after {runs} run{'s' * (runs != 1)}",
+            "note": f"{faults} of {counts['requests']} requests disturbed; complete after {runs} run(s)",
             "counts": counts,
         },
         wrong,
