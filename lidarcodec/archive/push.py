@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Final
 
 from lidarcodec.archive.inputs import NOTE, SENSOR, VEHICLE
 from lidarcodec.archive.names import json_of
-from lidarcodec.archive.stores.base import Store
+from lidarcodec.archive.stores.base import Store, check_name
 from lidarcodec.errors import SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
@@ -103,7 +103,8 @@ def push(
 def _oldest_first(folder: Path) -> list[Path]:
     """The recordings in a folder. Those that vanish meanwhile are left out."""
     found = []
-    for path in (*folder.glob("*.mcap"), *folder.glob("*/*.mcap")):
+    inside = (path for path in folder.glob("*/*.mcap") if not path.parent.is_symlink())
+    for path in (*folder.glob("*.mcap"), *inside):
         with contextlib.suppress(FileNotFoundError):
             found.append((path.stat().st_mtime_ns, path.name, path))
     return [path for _, _, path in sorted(found)]
@@ -155,15 +156,13 @@ def _identity(found: os.stat_result) -> tuple[int, ...]:
 
 
 def _name(file: BinaryIO, name: str) -> str | None:
-    """Name of the object of a recording; None if the file is no recording."""
+    """Name of the object of a recording; None if the file is no recording, or has a name that no object may have."""
     try:
         about = RecordingReader(file, warn=False).metadata
-    except SourceError:
+        vehicle, sensor = about.get("vehicle", VEHICLE), about.get("sensor", SENSOR)
+        return check_name(f"{vehicle}/{sensor}/{name}") if is_name(vehicle) and is_name(sensor) else None
+    except SourceError:  # no recording, or an odd name
         return None
-    vehicle, sensor = about.get("vehicle", VEHICLE), about.get("sensor", SENSOR)
-    if not is_name(vehicle) or not is_name(sensor):
-        return None
-    return f"{vehicle}/{sensor}/{name}"
 
 
 def _note(name: str) -> str:

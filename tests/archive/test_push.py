@@ -96,6 +96,9 @@ def test_recordings_of_a_server_go_the_same_way_and_stay(folder, tmp_path):
     assert (counts["uploaded"], counts["deleted"]) == (2, 1)
     assert (tmp_path / "store/car-7/roof/20261121T101500Z-3fa2c9-car-7_roof_1.mcap").exists()
     assert (shelf / "car-7_roof_1.mcap").exists()
+    shelf.rename(shelf.with_name("an\nodd name"))
+    counts = push(folder, FolderStore(tmp_path / "store"), rate=Rate(None))
+    assert (counts["uploaded"], counts["unreadable"]) == (0, 2)
 
 
 def test_a_rate_is_kept():
