@@ -94,7 +94,7 @@ def test_tables_are_joined_as_they_grow_and_each_row_is_read_once(tmp_path, monk
     monkeypatch.setattr(index_module, "FAN_IN", 3)
     store, random = FolderStore(tmp_path / "store"), Random(33)
     commits: list[Commit] = []
-    for step in range(20):
+    for step in range(12):
         origin = random.choice(commits).segment if commits and random.random() < 0.2 else id_of("origin", step)
         segment = id_of("segment", step)
         commit = Commit("car-7", "roof", step, step, origin, segment)
