@@ -31,7 +31,8 @@ def test_settings_and_recordings_stand_beside_the_original(tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "named"),
-    [(["sim:street"], "--frames"), (["drive.pcap"], "--labels"), ([SOURCE, "--first-label", "3"], "--labels"),
+    [(["sim:street"], "--frames"), (["drive.pcap"], "--labels"), (["sim:road?frames=1&traffic=0"], "no vehicle"),
+     ([SOURCE, "--first-label", "3"], "--labels"),
      ([SOURCE, "--labels", "nowhere.txt"], "nowhere.txt"), ([SOURCE, "--codec", "best"], "best"),
      ([SOURCE, "--set", "target_kbps=auto"], "target_kbps"), ([SOURCE, "--recording", "nowhere.mcap"], "nowhere.mcap"),
      ([SOURCE, "--poses", "nowhere.npz"], "nowhere.npz")],

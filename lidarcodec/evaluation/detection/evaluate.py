@@ -37,6 +37,7 @@ from lidarcodec.wire import pack
 
 TURN_S: Final = 0.1
 """Time of a frame, where there is only one."""
+SHORTEST_S: Final = 0.001
 Result = dict[str, Any]
 Tick = Callable[[], None]
 NOTHING: Final = Segments(
@@ -101,7 +102,8 @@ class Detection:
                 self.frames.append(_labelled(posed(frame, source.poses if poses else None), boxes))
                 tick()
         if not any(len(one.boxes) for one in self.frames):
-            raise SourceError(f"{spec} has no frame with a label: see --first-label")
+            missing = "no vehicle or person" if labels is None else "no frame with a label: see --first-label"
+            raise SourceError(f"{spec} has {missing}")
         self.tally = Tally()
         for one in self.frames:
             ground = int(np.count_nonzero(one.surfaces == 2))
@@ -180,7 +182,7 @@ class Detection:
     def _about(self, arrived: int, points: int, size: int | None) -> Result:
         frames = len(self.frames)
         stamps = np.diff([one.frame.stamp_ns for one in self.frames])
-        turn_s = float(np.median(stamps)) * 1e-9 if frames > 1 else TURN_S
+        turn_s = max(float(np.median(stamps)) * 1e-9, SHORTEST_S) if frames > 1 else TURN_S
         return {
             "labels": self._labels,
             "frames": frames,

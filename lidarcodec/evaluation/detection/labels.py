@@ -24,10 +24,10 @@ from lidarcodec.evaluation.rigid import Matrix, invert
 from lidarcodec.files.regular import open_regular
 from lidarcodec.untrusted.xml import XmlRefusedError, read_xml
 
-MOST_BYTES: Final = 64 * MIB
-MOST_ELEMENTS: Final = 2_000_000
+MOST_BYTES: Final = 32 * MIB
+MOST_ELEMENTS: Final = 500_000
 MOST_FRAMES: Final = 1_000_000
-MOST_BOXES: Final = 1_000_000
+MOST_BOXES: Final = 100_000
 LARGEST_M: Final = 100.0
 FARTHEST_M: Final = 10_000.0
 FIELDS: Final = 17
@@ -97,6 +97,8 @@ def _tracking(text: str, path: Path, to_sensor: Matrix) -> Labels:
         words = line.split()
         if not words:
             continue
+        if number > MOST_BOXES:
+            raise SourceError(f"{path} has more than {MOST_BOXES} lines: these are no labels")
         try:
             frame, track, kind = int(words[0]), int(words[1]), words[2].lower()
             height, width, length, x, y, z, turn = (float(word) for word in words[10:FIELDS])
@@ -111,8 +113,6 @@ def _tracking(text: str, path: Path, to_sensor: Matrix) -> Labels:
         middle = to_sensor[:3, :3] @ np.array([x, y - height / 2, z]) + to_sensor[:3, 3]
         box = Boxes((kind,), (track,), middle[None], axes[None], np.array([[length, width, height]]))
         frames.setdefault(frame, []).append(box)
-        if number > MOST_BOXES:
-            raise SourceError(f"{path} has more than {MOST_BOXES} lines: these are no labels")
     return _by_frame(frames, path)
 
 
