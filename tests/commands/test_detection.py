@@ -24,6 +24,7 @@ def test_settings_and_recordings_stand_beside_the_original(tmp_path):
     assert exact["ground_iou"] == recorded["ground_iou"] == 1 > coarse["ground_iou"]
     assert exact["kbps"] > 2 * coarse["kbps"]
     assert recorded["failed"] == 0
+    assert recorded["kbps"] > exact["kbps"]
     table = run_here(*words)
     assert table.returncode == 0, table.stderr
     assert "street.mcap" in table.stdout.splitlines()[-1]

@@ -49,7 +49,7 @@ class Detected(TypedDict):
     frames_left_out: Annotated[int, "frames that did not arrive; all of their objects count as lost"]
     fewest_returns: Annotated[int, "objects with fewer returns in the original frame are not counted"]
     points_per_frame: Annotated[float, "returns of each frame that arrived as measured"]
-    bytes_per_frame: Annotated[float | None, "bytes of each frame"]
+    bytes_per_frame: Annotated[float | None, "bytes of each frame; null for frames that are not coded"]
     kbps: Annotated[float | None, "bitrate"]
     version: Annotated[str, "version of this package"]
     objects: Annotated[int, "boxes that are counted, over all frames"]

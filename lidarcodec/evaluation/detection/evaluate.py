@@ -148,13 +148,14 @@ class Detection:
         places = {one.frame.stamp_ns: at for at, one in enumerate(self.frames)}
         message: Message | None = None
         for frame in recorded:
+            at = places.pop(frame.stamp_ns, None)
+            if at is None:
+                continue
+            self._measure(sent, at, frame)
             if recorded.message is not None and recorded.message is not message:
                 message = recorded.message
                 sent.bytes += len(pack(message))
-            at = places.pop(frame.stamp_ns, None)
-            if at is not None:
-                self._measure(sent, at, frame)
-                self.tick()
+            self.tick()
         if not sent.tallies:
             raise SourceError(f"{path} has no frame with the time of one of {self.name}")
         about = {
@@ -164,7 +165,7 @@ class Detection:
             "settings": {} if known is None else effective(known),
             "failed": sum(recorded.failed.values()),
         }
-        sizes = self._about(len(sent.tallies), sent.points, sent.bytes)
+        sizes = self._about(len(sent.tallies), sent.points, sent.bytes if message is not None else None)
         return about | sizes | scores(self._tally_of(sent), self.tally, self._seed)
 
     def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
