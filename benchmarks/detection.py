@@ -35,6 +35,7 @@ CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
 SEED: Final = 1
 DRIVES: Final[dict[str, dict[str, Any]]] = {
     "city": {"spec": "sim:city?seed=1"},
+    "city-2": {"spec": "sim:city?seed=2"},
     "city-5": {"spec": "sim:city?seed=5&skip=300"},
     "0001": {"spec": DATA / "kitti_0001_f000-089.pcap.xz", "labels": (LABELS / "drive_0001_tracklet_labels.xml",)},
     "0005": {
@@ -44,7 +45,6 @@ DRIVES: Final[dict[str, dict[str, Any]]] = {
         "skip": 60,
     },
 }
-SIMULATED: Final = ("city", "city-5")
 BOUNDS: Final = ("0.01", "0.03", "0.1", "0.2", "0.5")
 RATES: Final = ("300", "500", "1000", "2000")
 PURPOSES: Final = ("look", "detect", "localise")
