@@ -20,6 +20,7 @@ from lidarcodec.commands.evaluate import command as evaluate
 from lidarcodec.commands.join.command import join
 from lidarcodec.commands.localise.command import localise
 from lidarcodec.commands.map import command as maps
+from lidarcodec.commands.pipe.command import pipe
 from lidarcodec.commands.running import run as running
 from lidarcodec.commands.running.ending import WRONG_USAGE
 from lidarcodec.commands.signatures import files, fleet, live, past
@@ -63,8 +64,8 @@ def _common(
 
 
 for command in (
-    files.info, files.doctor, files.encode, files.decode, convert, cut, join, files.verify, files.annotate, files.bench,
-    files.simulate,
+    files.info, files.doctor, files.encode, files.decode, convert, pipe, cut, join, files.verify, files.annotate,
+    files.bench, files.simulate,
     live.publish, live.subscribe, localise, past.fetch, fleet.swarm, fleet.certs, fleet.serve, fleet.health, live.demo,
 ):  # fmt: skip
     app.command()(command)

@@ -130,13 +130,14 @@ class ByteStream:
     Raises SourceError if the file cannot be opened or read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, file: IO[bytes] | None = None) -> None:
+        """file: an open one to read instead, unbuffered, such as a pipe; `close` closes it. path: its name then"""
         self.problem: str | None = None
         self.taken = 0
         self._expands = Allowance(EXPANDED_BASE, EXPANDED_TIMES)
         self._path = path
         try:
-            self._file: IO[bytes] = open_regular(path, buffering=0)
+            self._file: IO[bytes] = open_regular(path, buffering=0) if file is None else file
         except OSError as error:
             raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
         self._head = self._past_empty_frames(self._read_file(6))

@@ -27,6 +27,15 @@ class Converted(TypedDict):
     layers: NotRequired[Annotated[dict[str, int], "of two layers: frames refined `whole`, in `part`, or `base` alone"]]
 
 
+class Piped(TypedDict):
+    """Of `pipe`, on standard error."""
+
+    format: Annotated[str, "format of what was written, as in `--to`"]
+    frames: Annotated[int, "number of frames passed on"]
+    bytes: Annotated[int, "bytes written to standard output"]
+    lost: Annotated[int, "messages or frames that could not be passed on"]
+
+
 class Simulated(TypedDict):
     """Of `simulate`."""
 

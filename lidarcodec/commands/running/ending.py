@@ -8,7 +8,7 @@ from typing import Final
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
 INTERRUPTED: Final = 128
 """The exit code of an interrupted command is this plus the number of the signal, as in shells: 130 or 143."""
-LIVE_IN_ORDER: Final = ("publish", "subscribe", "localise", "serve", "demo", "bridge", "swarm")
+LIVE_IN_ORDER: Final = ("publish", "subscribe", "localise", "serve", "demo", "bridge", "swarm", "pipe")
 LIVE: Final = frozenset(LIVE_IN_ORDER)
 
 

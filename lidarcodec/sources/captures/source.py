@@ -8,7 +8,7 @@ from collections.abc import Generator, Iterator
 from ipaddress import ip_address
 from itertools import islice
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import IO, Final, NamedTuple
 
 from lidarcodec.errors import SourceError
 from lidarcodec.files.regular import check_regular
@@ -39,12 +39,15 @@ Stream = tuple[bytes, int]
 """Sender's address and destination port."""
 
 
-def stamped_datagrams(path: Path, counts: Counter[str], ending: Ending) -> Generator[tuple[int, Datagram]]:
+def stamped_datagrams(
+    path: Path, counts: Counter[str], ending: Ending, file: IO[bytes] | None = None
+) -> Generator[tuple[int, Datagram]]:
     """(host time in ns, datagram) of every UDP datagram in a capture; time of the frame that completes it.
 
+    file: an open one to read instead of the one at `path`, as of ByteStream
     Raises SourceError if the file cannot be read or is no capture.
     """
-    stream = ByteStream(path)
+    stream = ByteStream(path, file)
     try:
         reader = DatagramReader(counts)
         read = reader.read
@@ -101,8 +104,12 @@ class CaptureSource(PacketSource):
 
         self.path = path
         address = None if src is None else address_of(src).packed
-        self.stream, payloads, self.start_ns, found = _choose(path, port, address, model, search=calibration is None)
-        super().__init__(find_sensor(path, calibration, payloads, found))
+        beside, ending = self._check(), Ending()
+        datagrams = self._datagrams(Counter(), ending)
+        self.stream, payloads, self.start_ns, found = _choose(
+            path, datagrams, ending, port, address, model, search=calibration is None
+        )
+        super().__init__(find_sensor(beside, calibration, payloads, found))
         self.label = f"capture {path.name}, {_name(self.stream)}"
         self._warned = False
         usual = auxiliary_port(self.sensor.model, self.stream[1])
@@ -119,7 +126,7 @@ class CaptureSource(PacketSource):
         """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
         ending = Ending()
         counts, chosen, hdl64e = self.counts, self.stream, self.sensor.is_hdl64e
-        for stamp_ns, (source, _, port, payload) in stamped_datagrams(self.path, counts, ending):
+        for stamp_ns, (source, _, port, payload) in self._datagrams(counts, ending):
             if self.closed:
                 return
             if (source, port) == chosen and (not hdl64e or len(payload) == PACKET_BYTES):
@@ -136,6 +143,18 @@ class CaptureSource(PacketSource):
                 logger.warning(
                     "%s is %s: %s; only the packets before that were read", self.path, ending.cause, ending.text
                 )
+
+    def _check(self) -> Path | None:
+        """The path beside which a calibration may lie. Raises SourceError if this is no file."""
+        try:
+            check_regular(self.path)
+        except OSError as error:
+            raise SourceError(f"cannot open {self.path}: {error.strerror or error}") from None
+        return self.path
+
+    def _datagrams(self, counts: Counter[str], ending: Ending) -> Iterator[tuple[int, Datagram]]:
+        """The datagrams from the first one, at each call."""
+        return stamped_datagrams(self.path, counts, ending)
 
     def _other(self, stream: Stream, size: int) -> str:
         """The counter for a datagram that is not a data packet of the chosen stream. POSITIONS: it is kept."""
@@ -159,20 +178,25 @@ class Choice(NamedTuple):
     model: str
 
 
-def _choose(path: Path, port: int | None, source: bytes | None, model: str | None, search: bool) -> Choice:
+def _choose(
+    path: Path,
+    datagrams: Iterator[tuple[int, Datagram]],
+    ending: Ending,
+    port: int | None,
+    source: bytes | None,
+    model: str | None,
+    search: bool,
+) -> Choice:
     """The stream to take; its first payloads are enough to `search` for a calibration.
+
+    datagrams: of the file, from the first one;  ending: why they ended early
 
     Raises SourceError if there is none, PacketError if none is of a known sensor, UnknownNameError for the model.
     """
-    try:
-        check_regular(path)
-    except OSError as error:
-        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
-    ending, lengths = Ending(), Counter[int]()
+    lengths = Counter[int]()
     streams: dict[Stream, list[bytes]] = {}
     others: dict[Stream, None] = {}
     stamps: dict[Stream, int] = {}
-    datagrams = stamped_datagrams(path, Counter(), ending)
     for count, (stamp_ns, (sender, _, target, payload)) in enumerate(datagrams, 1):
         lengths[len(payload)] += 1
         if port not in (None, target) or source not in (None, sender):
@@ -197,7 +221,8 @@ def _choose(path: Path, port: int | None, source: bytes | None, model: str | Non
         if search and carries_table(payloads):
             more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
             payloads.extend(islice(more, SEARCHED_PACKETS - len(payloads)))
-    datagrams.close()
+    if isinstance(datagrams, Generator):
+        datagrams.close()
     return Choice(chosen, payloads, stamps[chosen], found)
 
 

@@ -1,0 +1,1 @@
+"""`lidarcodec pipe`: standard input to standard output, frame by frame."""

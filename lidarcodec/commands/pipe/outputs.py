@@ -1,0 +1,121 @@
+"""What goes to standard output, written and flushed frame by frame.
+
+`points`: of each frame its stamp (i64, ns since 1970), the number of points (u32), the bytes of a point (u32: 16), and
+the points: x y z in metres and intensity, float32. All little endian.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from typing import IO, Final, Protocol
+
+import numpy as np
+
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import DecodeError
+from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
+from lidarcodec.frame import Frame
+from lidarcodec.recording import RecordingWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
+
+_SIZE: Final = struct.Struct("<I")
+_CLOUD: Final = struct.Struct("<qII")
+_POINT: Final = 16
+
+
+class Counting:
+    """Standard output as writers of files want it: it knows where it is. bytes: written so far"""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream, self.bytes = stream, 0
+
+    def write(self, data: bytes) -> int:
+        self._stream.write(data)
+        self.bytes += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes so far."""
+        return self.bytes
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Close it; what was not flushed may be lost."""
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+
+class MessageOutput(Protocol):
+    """Takes messages. close: completes the output, which stays open"""
+
+    def write(self, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Prefixed:
+    """Messages, each with its size before it (u32, little endian), as clients/cpp/print_points reads them."""
+
+    def __init__(self, out: Counting) -> None:
+        self._out = out
+
+    def write(self, data: bytes) -> None:
+        self._out.write(_SIZE.pack(len(data)) + data)
+        self._out.flush()
+
+    def close(self) -> None:
+        """Nothing is left to write."""
+
+
+class Recorded:
+    """Messages in a recording. It has no end before `close`, but all before it can be read."""
+
+    def __init__(self, out: Counting) -> None:
+        self._writer = RecordingWriter(out, VEHICLE, SENSOR)  # type: ignore[arg-type]
+
+    def write(self, data: bytes) -> None:
+        self._writer.write(data)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class FrameOutput(Protocol):
+    """Takes frames."""
+
+    def write(self, frame: Frame) -> bool:
+        """Write one; whether that was possible."""
+
+
+class Captured:
+    """The packets of frames, as a pcap."""
+
+    def __init__(self, out: Counting) -> None:
+        self._out, self._writer = out, PcapWriter(out)  # type: ignore[arg-type]
+
+    def write(self, frame: Frame) -> bool:
+        try:
+            packets = packets_of(frame)
+        except DecodeError:
+            return False
+        for packet in packets:
+            self._writer.write(packet)
+        self._out.flush()
+        return True
+
+
+class Clouds:
+    """The points of frames."""
+
+    def __init__(self, out: Counting) -> None:
+        self._out = out
+
+    def write(self, frame: Frame) -> bool:
+        cloud = frame.cloud()
+        points = np.stack([cloud[name].astype("<f4") for name in ("x", "y", "z", "intensity")], axis=1)
+        self._out.write(_CLOUD.pack(frame.stamp_ns, len(points), _POINT) + points.tobytes())
+        self._out.flush()
+        return True

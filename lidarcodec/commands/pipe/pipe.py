@@ -1,0 +1,214 @@
+"""`lidarcodec pipe`: reads packets or messages, and writes packets, messages, a recording or points as they come."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Final, TypeVar
+
+from lidarcodec import wire
+from lidarcodec.commands.pipe import inputs
+from lidarcodec.commands.pipe.outputs import Captured, Clouds, Counting, FrameOutput, MessageOutput, Prefixed, Recorded
+from lidarcodec.commands.results.files import Piped
+from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.commands.signatures.common import of_model
+from lidarcodec.commands.unkept import say_unkept
+from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
+from lidarcodec.recording import RecordingReader
+from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.spec import parse
+from lidarcodec.sources.table import kind_of
+
+log = logging.getLogger(__name__)
+
+STANDARD: Final = "-"
+OF_MESSAGES: Final[dict[str, Callable[[Counting], MessageOutput]]] = {"messages": Prefixed, "recording": Recorded}
+OF_FRAMES: Final[dict[str, Callable[[Counting], FrameOutput]]] = {"pcap": Captured, "points": Clouds}
+FORMS: Final = (*OF_MESSAGES, *OF_FRAMES)
+
+Item = TypeVar("Item")
+Stop = Callable[[], bool]
+
+
+@dataclass
+class _Done:
+    """Counts of what went through. lost: messages or frames that could not be passed on"""
+
+    frames: int = 0
+    lost: int = 0
+
+
+@dataclass
+class _Feed:
+    """What comes in: the messages of a stream, or else packets. most: frames to take; None: all of them"""
+
+    stopped: Stop
+    most: int | None
+    source: PacketSource | None = None
+    coded: Iterable[bytes] = ()
+
+    def messages(self) -> Iterator[bytes]:
+        """Messages as they are."""
+        return islice(_until(self.coded, self.stopped), self.most)
+
+    def frames(self, framing: str, done: _Done) -> Iterator[Frame]:
+        """Frames of packets, or decoded."""
+        source = self.source
+        if source is None:
+            return islice(_until(_decoded(self.coded, done), self.stopped), self.most)
+        cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
+        return islice(cut if source.live else _until(cut, self.stopped), self.most)
+
+
+def run(
+    spec: str,
+    form: str,
+    codec: str | None,
+    pairs: list[str],
+    frames: int | None,
+    calibration: Path | None,
+    model: str | None,
+    *,
+    as_json: bool,
+    standard: tuple[int, int] = (0, 1),
+) -> None:
+    """Pass everything on until the input ends or a signal comes. What was written is complete then.
+
+    spec: a source, or `-` for standard input;  codec, pairs: None and []: messages are passed on as they are
+    standard: descriptors of standard input and output
+    Raises SourceError if the reader of standard output goes away, or nothing could be passed on.
+    """
+    settings = check_offline(one_setting(codec, pairs))
+    recodes = codec is not None or bool(pairs)
+    _check(spec, form, recodes, standard)
+    done, out = _Done(), Counting(os.fdopen(os.dup(standard[1]), "wb"))
+    try:
+        with _opened(spec, frames, calibration, model, standard[0]) as feed:
+            if form in OF_FRAMES:
+                _write_frames(feed.frames(settings.framing, done), OF_FRAMES[form](out), done)
+            else:
+                coded = (
+                    _encoded(feed.frames(settings.framing, done), StreamEncoder(settings))
+                    if recodes or feed.source is not None
+                    else feed.messages()
+                )
+                _write_messages(coded, OF_MESSAGES[form](out), done)
+            out.flush()
+            if feed.source is not None:
+                say_unkept(feed.source.label, feed.source.counts)
+    except BrokenPipeError:
+        raise SourceError(f"the reader of standard output went away after {done.frames} frames") from None
+    finally:
+        out.close()
+    if done.lost:
+        log.warning("%d messages or frames could not be passed on", done.lost)
+    if not done.frames:
+        raise SourceError(f"{inputs.NAME if spec == STANDARD else spec} has no frame that can be passed on")
+    found = Piped(format=form, frames=done.frames, bytes=out.bytes, lost=done.lost)
+    with contextlib.redirect_stdout(sys.stderr):  # standard output is for the frames
+        tell(found, f"{done.frames} frames, {out.bytes:,} bytes of {form}", as_json)
+
+
+def _check(spec: str, form: str, recodes: bool, standard: tuple[int, int]) -> None:
+    if form not in FORMS:
+        raise UnknownNameError("format", form, FORMS)
+    if recodes and form in OF_FRAMES:
+        raise SettingsError(f"--codec and --set are for messages: {form} has none", "codec")
+    if os.isatty(standard[1]):
+        raise SettingsError("standard output is a terminal: pipe it into a program or a file", "to")
+    if spec == STANDARD and os.isatty(standard[0]):
+        raise SettingsError(f"{inputs.NAME} is a terminal: pipe a capture or messages into it, or name a SOURCE")
+
+
+@contextlib.contextmanager
+def _opened(
+    spec: str, most: int | None, calibration: Path | None, model: str | None, descriptor: int
+) -> Iterator[_Feed]:
+    """What comes in, opened. A signal ends it behind a frame. descriptor: of standard input"""
+    with contextlib.ExitStack() as stack:
+        feed = _Feed(lambda: False, most)
+        feed.stopped = stack.enter_context(stoppable(lambda: _finish(feed.source)))
+        if spec == STANDARD:
+            given = inputs.Input(descriptor, feed.stopped)
+            if inputs.is_messages(given):
+                feed.coded = inputs.messages(given)
+            else:
+                feed.source = stack.enter_context(inputs.capture(given, calibration, model))
+        else:
+            recording = _recording(spec, stack)
+            if recording is not None:
+                feed.coded = (data for _, data in recording.messages())
+            else:
+                feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
+        yield feed
+
+
+def _finish(source: PacketSource | None) -> None:
+    if source is not None and source.live:
+        source.finish()
+
+
+def _recording(spec: str, stack: contextlib.ExitStack) -> RecordingReader | None:
+    """The reader of a recording of messages; None for another source."""
+    parsed = parse(spec)
+    if kind_of(parsed) != "recording" or parsed.options:
+        return None
+    reader = RecordingReader(stack.enter_context(open_regular(parsed.path)))
+    return None if next(reader.messages(), None) is None else reader
+
+
+def _write_frames(frames: Iterable[Frame], writer: FrameOutput, done: _Done) -> None:
+    for frame in frames:
+        if writer.write(frame):
+            done.frames += 1
+        else:
+            done.lost += 1
+
+
+def _write_messages(coded: Iterable[bytes], writer: MessageOutput, done: _Done) -> None:
+    for data in coded:
+        try:
+            frames = wire.unpack(data).frame_count
+        except DecodeError:
+            done.lost += 1
+            continue
+        writer.write(data)
+        done.frames += frames
+    writer.close()
+
+
+def _decoded(coded: Iterable[bytes], done: _Done) -> Iterator[Frame]:
+    decoder = StreamDecoder()
+    for data in coded:
+        try:
+            frames = decoder.decode(wire.unpack(data))
+        except DecodeError:
+            done.lost += 1
+            continue
+        yield from frames
+    yield from decoder.flush()
+
+
+def _encoded(frames: Iterable[Frame], encoder: StreamEncoder) -> Iterator[bytes]:
+    for frame in frames:
+        yield from (wire.pack(message) for message in encoder.encode(frame))
+    yield from (wire.pack(message) for message in encoder.flush())
+
+
+def _until(items: Iterable[Item], stopped: Stop) -> Iterator[Item]:
+    """The items until a signal comes."""
+    for item in items:
+        if stopped():
+            return
+        yield item

@@ -1,0 +1,168 @@
+"""What a pipeline would lose if these fail: frames, without a word, or its end."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcodec import wire
+from lidarcodec.commands.pipe import inputs
+from lidarcodec.commands.pipe.pipe import run
+from lidarcodec.errors import SourceError
+from lidarcodec.recording import RecordingReader
+from lidarcodec.sources import open_source
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
+from tests import packets as made
+from tests.command_line import run_here
+from tests.commands.test_convert_messages import written
+from tests.conftest import ROOT
+from tests.transport.test_contract import eventually
+
+PACKETS = made.turning(1044)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("captured") / "drive.pcap"
+    with path.open("wb") as file:
+        PcapWriter(file).write_all(PACKETS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    return written(tmp_path_factory.mktemp("recorded") / "drive.mcap")
+
+
+def piped(given: Path | None, out: Path, form: str, *, spec: str = "-", codec: str | None = None, **options) -> None:
+    """Run the command with files as standard input and output."""
+    with (given or Path(os.devnull)).open("rb") as read, out.open("wb") as write:
+        standard = (read.fileno(), write.fileno())
+        run(spec, form, codec, [], options.get("frames"), None, None, as_json=True, standard=standard)
+
+
+def messages_in(path: Path) -> list[bytes]:
+    with path.open("rb") as file:
+        return list(inputs.messages(inputs.Input(file.fileno(), lambda: False)))
+
+
+def packets_in(path: Path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def test_a_capture_becomes_messages_a_recording_and_packets_again(tmp_path, capture, capfd):
+    names = [tmp_path / name for name in ("a.messages", "b.mcap", "c.pcap")]
+    piped(capture, names[0], "messages", codec="predictive")
+    piped(names[0], names[1], "recording")
+    piped(names[0], names[2], "pcap")
+    said = capfd.readouterr().err
+    assert json.loads(said[: said.index("}") + 1])["format"] == "messages", "the summary is no part of the output"
+    with names[1].open("rb") as file:
+        assert [data for _, data in RecordingReader(file).messages()] == messages_in(names[0])
+    assert packets_in(names[2]) == packets_in(names[1]) == [packet.payload for packet in PACKETS]
+
+
+def test_a_recording_is_passed_on_as_it_is_or_coded_again(tmp_path, recording):
+    piped(None, tmp_path / "as", "messages", spec=str(recording))
+    with recording.open("rb") as file:
+        sent = [data for _, data in RecordingReader(file).messages()]
+    assert messages_in(tmp_path / "as") == sent
+    piped(None, tmp_path / "two", "messages", spec=str(recording), codec="zstd", frames=2)
+    assert [wire.peek(data).codec for data in messages_in(tmp_path / "two")] == [2, 2]
+
+
+def test_points_are_those_of_the_frames(tmp_path, recording):
+    piped(None, tmp_path / "points", "points", spec=str(recording))
+    data, at = (tmp_path / "points").read_bytes(), 0
+    with open_source(recording) as source:
+        frames = list(source.frames())
+    for frame in frames:
+        stamp_ns, count, size = struct.unpack_from("<qII", data, at)
+        at += 16
+        cloud = frame.cloud()
+        assert (stamp_ns, count, size) == (frame.stamp_ns, len(cloud), 16)
+        points = np.frombuffer(data, "<f4", 4 * count, at).reshape(count, 4)
+        for column, name in enumerate(("x", "y", "z", "intensity")):
+            assert np.array_equal(points[:, column], cloud[name].astype("f4"))
+        at += size * count
+    assert at == len(data)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "is empty"),
+        (b"\x89MCAP0\r\n" + bytes(99), "give its path"),
+        (struct.pack("<I", 2**32 - 1) + b"\x93LDC" + bytes(99), "the limit is"),
+        (struct.pack("<I", 200) + b"\x93LDC" + bytes(99), "ends within a message"),
+        (struct.pack("<I", 60) + b"\x93LDC" + bytes(56) + b"\1", "ends within a message"),
+        (struct.pack("<I", 60) + b"\x93LDC" + bytes(56), "has no frame"),
+        (b"GET / HTTP/1.1\r\n", "not a pcap or pcapng file"),
+        (b"\xd4\xc3\xb2\xa1" + bytes(40), "holds no sensor packets"),
+    ],
+)
+def test_what_is_no_input_is_said(tmp_path, data, said):
+    (tmp_path / "in").write_bytes(data)
+    with pytest.raises(SourceError, match=said):
+        piped(tmp_path / "in", tmp_path / "out", "messages")
+
+
+def test_a_pipe_that_gives_its_bytes_one_by_one_is_read(capture):
+    """As it may be with a slow program; and what was read ends when a signal comes, though the pipe is open."""
+    data = capture.read_bytes()[:9000]
+    read, write = os.pipe()
+    asked = iter([False] * 30)
+    given = (
+        inputs.Input(read, lambda: next(asked, True))
+        if os.write(write, data[:3]) and os.write(write, data[3:])
+        else None
+    )
+    found = io.BufferedReader(given).read()
+    assert found == data[: len(found)]
+    assert len(found) == 9000
+    os.close(read)
+    os.close(write)
+
+
+def test_wrong_usage_is_said_at_once(capture):
+    for words, said in (
+        (["--to", "las"], "unknown format"),
+        (["--to", "points", "--codec", "zstd"], "points has none"),
+    ):
+        done = run_here("pipe", capture, *words)
+        assert (done.returncode, said in done.stderr) == (2, True), done.stderr
+
+
+def started(*words: object, **options) -> subprocess.Popen:
+    command = [sys.executable, "-m", "lidarcodec", "pipe", *map(str, words)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+def test_a_reader_that_goes_away_is_said_and_a_signal_ends_a_whole_recording(tmp_path, capture, recording):
+    gone = started(recording, "--to", "points")
+    assert gone.stdout is not None
+    gone.stdout.close()
+    with (tmp_path / "out.mcap").open("wb") as out:
+        command = [sys.executable, "-m", "lidarcodec", "pipe", "--to", "recording", "--codec", "zstd"]
+        waiting = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=out, stderr=subprocess.PIPE)
+        assert waiting.stdin is not None
+        waiting.stdin.write(capture.read_bytes())
+        waiting.stdin.flush()
+        assert eventually(lambda: (tmp_path / "out.mcap").stat().st_size > 0, 120.0), "it handles signals by now"
+        assert gone.stderr is not None
+        said = gone.stderr.read().decode()
+        assert (gone.wait(120), said) == (1, "lidarcodec: the reader of standard output went away after 0 frames\n")
+        waiting.send_signal(signal.SIGINT)
+        _, complained = waiting.communicate(timeout=120)
+    assert (waiting.returncode, complained.count(b"\n")) == (0, 1), complained
+    assert packets_in(tmp_path / "out.mcap") == [packet.payload for packet in PACKETS]
