@@ -33,6 +33,7 @@ def built(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.sweep  # it is compiled
 def test_its_own_test_passes(built: Path) -> None:
     done = subprocess.run(
         ["ctest", "--output-on-failure"], cwd=built, capture_output=True, text=True, check=False, timeout=120
@@ -41,6 +42,7 @@ def test_its_own_test_passes(built: Path) -> None:
     assert "100% tests passed" in done.stdout
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["golden/v1_riddle_coarse", "vectors/zstd", "vectors/other_zstd_os1-128"])
 def test_points_are_those_of_the_bridge(built: Path, tmp_path: Path, name: str) -> None:
     path = ROOT / "tests" / f"{name}.bin"
@@ -59,6 +61,7 @@ def test_points_are_those_of_the_bridge(built: Path, tmp_path: Path, name: str) 
             np.testing.assert_allclose(found[one], wanted[one], rtol=1e-5, atol=1e-4, err_msg=one)
 
 
+@pytest.mark.sweep
 def test_other_codecs_are_refused_by_name(built: Path, tmp_path: Path) -> None:
     words = [str(built / "test_decoder"), "--points", str(ROOT / "tests/golden/v1_jxl_lossless.bin"), str(tmp_path)]
     done = subprocess.run(words, check=True, capture_output=True, text=True, timeout=120)

@@ -7,8 +7,7 @@ import json
 import os
 import signal
 import struct
-import subprocess
-import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,6 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests import packets as made
 from tests.command_line import run_here
 from tests.commands.test_convert_messages import written
-from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
 
 PACKETS = made.turning(1044)
@@ -117,19 +115,14 @@ def test_what_is_no_input_is_said(tmp_path, data, said):
         piped(tmp_path / "in", tmp_path / "out", "messages")
 
 
-def test_a_pipe_that_gives_its_bytes_one_by_one_is_read(capture):
-    """As it may be with a slow program; and what was read ends when a signal comes, though the pipe is open."""
+def test_what_waits_in_a_pipe_is_read_after_a_signal_and_no_more_is_waited_for(capture):
+    """Though the pipe stays open."""
     data = capture.read_bytes()[:9000]
     read, write = os.pipe()
-    asked = iter([False] * 30)
-    given = (
-        inputs.Input(read, lambda: next(asked, True))
-        if os.write(write, data[:3]) and os.write(write, data[3:])
-        else None
-    )
-    found = io.BufferedReader(given).read()
-    assert found == data[: len(found)]
-    assert len(found) == 9000
+    os.write(write, data[:3])
+    os.write(write, data[3:])
+    asked = iter([False] * 3)
+    assert io.BufferedReader(inputs.Input(read, lambda: next(asked, True))).read() == data
     os.close(read)
     os.close(write)
 
@@ -143,26 +136,29 @@ def test_wrong_usage_is_said_at_once(capture):
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr
 
 
-def started(*words: object, **options) -> subprocess.Popen:
-    command = [sys.executable, "-m", "lidarcodec", "pipe", *map(str, words)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+def test_a_reader_that_goes_away_is_said(recording):
+    read, write = os.pipe()
+    os.close(read)
+    with pytest.raises(SourceError, match="the reader of standard output went away after 0 frames"):
+        run(str(recording), "points", None, [], None, None, None, as_json=False, standard=(0, write))
+    os.close(write)
 
 
-def test_a_reader_that_goes_away_is_said_and_a_signal_ends_a_whole_recording(tmp_path, capture, recording):
-    gone = started(recording, "--to", "points")
-    assert gone.stdout is not None
-    gone.stdout.close()
-    with (tmp_path / "out.mcap").open("wb") as out:
-        command = [sys.executable, "-m", "lidarcodec", "pipe", "--to", "recording", "--codec", "zstd"]
-        waiting = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=out, stderr=subprocess.PIPE)
-        assert waiting.stdin is not None
-        waiting.stdin.write(capture.read_bytes())
-        waiting.stdin.flush()
-        assert eventually(lambda: (tmp_path / "out.mcap").stat().st_size > 0, 120.0), "it handles signals by now"
-        assert gone.stderr is not None
-        said = gone.stderr.read().decode()
-        assert (gone.wait(120), said) == (1, "lidarcodec: the reader of standard output went away after 0 frames\n")
-        waiting.send_signal(signal.SIGINT)
-        _, complained = waiting.communicate(timeout=120)
-    assert (waiting.returncode, complained.count(b"\n")) == (0, 1), complained
-    assert packets_in(tmp_path / "out.mcap") == [packet.payload for packet in PACKETS]
+def test_a_signal_ends_a_recording_that_is_whole_though_the_pipe_stays_open(tmp_path, capture):
+    read, write = os.pipe()
+    out = tmp_path / "out.mcap"
+
+    def give() -> None:
+        with open(write, "wb", closefd=False) as file:
+            file.write(capture.read_bytes())
+        eventually(lambda: out.stat().st_size > 0, 60.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with out.open("wb") as file:
+        thread = threading.Thread(target=give)
+        thread.start()
+        run("-", "recording", "zstd", [], None, None, None, as_json=False, standard=(read, file.fileno()))
+    thread.join()
+    os.close(read)
+    os.close(write)
+    assert packets_in(out) == [packet.payload for packet in PACKETS]

@@ -12,7 +12,6 @@ from lidarcodec.sources.captures.datagrams import Datagram
 from lidarcodec.sources.captures.pcap import Ending
 from lidarcodec.sources.captures.source import CaptureSource, stamped_datagrams
 
-
 MOST_FIRST: Final = 16_384
 """Most datagrams that are kept until the sensor is found: other traffic may be among them."""
 
