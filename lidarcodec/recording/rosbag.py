@@ -19,8 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import IO, Any, Final
 
-import numpy as np
-import numpy.typing as npt
 import yaml
 
 from lidarcodec import wire
@@ -111,14 +109,7 @@ class RosbagWriter(McapFile):
 
     def write_cloud(self, frame: Frame) -> None:
         """Add the points of a frame, its pose if it has one, and its mounting when it is new. Raises OSError."""
-        if frame.mount is not None and not is_same(frame.mount, self._mount):
-            self._mount = frame.mount
-            data = tf_message(frame.stamp_ns, VEHICLE, self.frame_id, frame.mount)
-            self._add(STATIC_TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data, _LATCHED)
-        if frame.pose is not None:
-            child = self.frame_id if frame.mount is None else VEHICLE
-            data = tf_message(frame.stamp_ns, WORLD, child, vehicle_pose(frame.pose, frame.mount))
-            self._add(TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data)
+        self._place(frame.stamp_ns, frame.pose, frame.mount)
         self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
 
     def write_message(self, stamp_ns: int, payload: bytes) -> None:
@@ -134,16 +125,26 @@ class RosbagWriter(McapFile):
             return
         self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, data)
 
-    def write_coded(self, data: bytes, pose: npt.NDArray[np.float64] | None) -> None:
-        """Add a message of lidarcodec as it is, and the pose that it carries, (4, 4) float64.
+    def write_coded(self, data: bytes, pose: Matrix | None = None, mount: Matrix | None = None) -> None:
+        """Add a message of lidarcodec as it is, the pose that it carries, and its mounting when that is new.
 
         Raises DecodeError for bytes that do not begin as a message, OSError.
         """
         stamp_ns = wire.peek(data).stamp_ns
-        if pose is not None:
-            self._add(TF_TOPIC, ros.TF_MESSAGE, stamp_ns, tf_message(stamp_ns, WORLD, self.frame_id, pose))
+        self._place(stamp_ns, pose, mount)
         coded = compressed_cloud(data, stamp_ns, self.frame_id)
         self._add(coded_topic(self._points_topic), ros.COMPRESSED_CLOUD, stamp_ns, coded)
+
+    def _place(self, stamp_ns: int, pose: Matrix | None, mount: Matrix | None) -> None:
+        """Say where the sensor is: T_world_sensor and T_vehicle_sensor, as far as they are known."""
+        if mount is not None and not is_same(mount, self._mount):
+            self._mount = mount
+            data = tf_message(stamp_ns, VEHICLE, self.frame_id, mount)
+            self._add(STATIC_TF_TOPIC, ros.TF_MESSAGE, stamp_ns, data, _LATCHED)
+        if pose is not None:
+            child = self.frame_id if mount is None else VEHICLE
+            data = tf_message(stamp_ns, WORLD, child, vehicle_pose(pose, mount))
+            self._add(TF_TOPIC, ros.TF_MESSAGE, stamp_ns, data)
 
     def not_kept(self) -> str:
         """What was left out, as a sentence; empty if nothing was."""

@@ -18,6 +18,10 @@ export interface CompressedCloud {
   readonly format: string;
 }
 
+/** Type of the section that says where the sensor sits on its vehicle (docs/wire-format.md). */
+const MOUNT = 17;
+/** Streams of which that is kept. */
+const MOST_NAMES = 256;
 /** Streams whose decoders are kept; each takes some 20 MB. */
 const MOST_STREAMS = 16;
 
@@ -25,6 +29,7 @@ const MOST_STREAMS = 16;
 export class Converters {
   #core: Core | Error | null = null;
   readonly #streams = new Map<string, CodedStream>();
+  readonly #alone = new Map<string, boolean>();
 
   ready(core: Core | Error): void {
     this.#core = core;
@@ -43,12 +48,14 @@ export class Converters {
     }
   }
 
-  /** The pose that a message carries, if any; nothing is decoded for it. */
+  /** The pose that a message carries, if any; nothing is decoded for it. None where the stream says how the sensor is mounted on
+   * its vehicle: the topics /tf and /tf_static have the vehicle between, and a frame has one parent only. */
   transform(coded: CompressedCloud): FrameTransform | undefined {
     if (coded.format !== FORMAT) return undefined;
     try {
-      const rows = readPose(readMessage(coded.compressed_data));
-      return rows ? frameTransform(rows, coded.header.stamp, WORLD, coded.header.frame_id) : undefined;
+      const message = readMessage(coded.compressed_data);
+      const [rows, alone] = [readPose(message), this.#aloneOnItsVehicle(message, coded.compressed_data)];
+      return rows && alone ? frameTransform(rows, coded.header.stamp, WORLD, coded.header.frame_id) : undefined;
     } catch (error) {
       if (error instanceof DecodeError) return undefined;
       throw error;
@@ -62,6 +69,12 @@ export class Converters {
     if (!why) return undefined;
     const { timestamp, name, file, line } = { timestamp: coded.header.stamp, name: topic, file: "", line: 0 };
     return { timestamp, level: why.level, message: why.text, name, file, line };
+  }
+
+  /** Whether the last key message of a stream, which has to be known, says no mounting. */
+  #aloneOnItsVehicle({ key, streamId }: Message, data: Uint8Array): boolean {
+    if (key) keepLast(this.#alone, `${streamId}`, !hasSection(data, MOUNT), MOST_NAMES);
+    return this.#alone.get(`${streamId}`) ?? false;
   }
 
   #why(data: Uint8Array, topic: string): { level: LogLevel; text: string } | null {
@@ -84,6 +97,17 @@ export class Converters {
     keepLast(this.#streams, topic, stream, MOST_STREAMS);
     return stream;
   }
+}
+
+/** Whether a message, which was read without an error, has a section of a type that the decoder in TypeScript does not know. */
+function hasSection(data: Uint8Array, type: number): boolean {
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  let at = view.getUint16(6, true);
+  for (let left = view.getUint16(54, true); left > 0; left--) {
+    if (data[at] === type) return true;
+    at += 6 + view.getUint32(at + 2, true);
+  }
+  return false;
 }
 
 function told(problem: DecodeError, { index }: Message): { level: LogLevel; text: string } {

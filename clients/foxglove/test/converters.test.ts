@@ -125,6 +125,23 @@ test("a pose becomes a transform, whether or not its points can be decoded", () 
   assert.ok(posed > 0);
 });
 
+test("a sensor that is mounted on a vehicle has no transform of its own", async () => {
+  const { transform } = await loaded();
+  const [key, posed] = vector("golden_v1_predictive_coarse").messages as [Uint8Array, Uint8Array];
+  const mounted = new Uint8Array(key.length + 7);
+  mounted.set(key.subarray(0, -4));
+  mounted.set([17, 0, 1, 0, 0, 0, 0], key.length - 4);
+  const view = new DataView(mounted.buffer);
+  view.setUint32(8, mounted.length, true);
+  view.setUint16(54, view.getUint16(54, true) + 1, true);
+  view.setUint32(mounted.length - 4, crc32c(mounted.subarray(0, -4)), true);
+  assert.equal(transform(coded(posed)), undefined, "its key message was not seen");
+  assert.equal(transform(coded(mounted)), undefined);
+  assert.equal(transform(coded(posed)), undefined);
+  transform(coded(key));
+  assert.ok(transform(coded(posed)));
+});
+
 test("rotations by any angle about any axis come out as their quaternions", () => {
   const random = numbers(20261126);
   for (let i = 0; i < 300; i++) {

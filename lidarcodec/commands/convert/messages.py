@@ -18,6 +18,7 @@ from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import check_free, whole
+from lidarcodec.mounting.stream import MountMemory
 from lidarcodec.planes.sections import pose_of
 from lidarcodec.recording import RecordingReader, RosbagWriter
 from lidarcodec.sources.spec import parse
@@ -57,11 +58,11 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
         frames = size = left_out = 0
         with file.open("wb") as to:
             writer = RosbagWriter(to, points_topic=topic, frame_id=frame_id or name)
-            watched = Watched(reader.messages(), stopped)
+            watched, mounts = Watched(reader.messages(), stopped), MountMemory()
             for _, data in watched:
                 try:
                     message = wire.unpack(data)
-                    writer.write_coded(data, pose_of(message))
+                    writer.write_coded(data, pose_of(message), mounts.read(message))
                 except DecodeError:
                     left_out += 1
                     continue
