@@ -26,6 +26,7 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
@@ -51,22 +52,25 @@ class _Done:
 
 @dataclass
 class _Feed:
-    """What comes in: the messages of a stream, or else packets. most: frames to take; None: all of them"""
+    """What comes in: packets, the messages of a recording, or others. most: frames to take; None: all of them"""
 
     stopped: Stop
     most: int | None
     source: PacketSource | None = None
+    recording: RecordingReader | None = None
     coded: Iterable[bytes] = ()
 
     def messages(self) -> Iterator[bytes]:
-        """Messages as they are."""
-        return islice(_until(self.coded, self.stopped), self.most)
+        """Messages as they are; of a recording those of the base alone."""
+        coded = self.coded if self.recording is None else _base(self.recording)
+        return islice(_until(coded, self.stopped), self.most)
 
     def frames(self, framing: str, done: _Done) -> Iterator[Frame]:
         """Frames of packets, or decoded."""
         source = self.source
         if source is None:
-            return islice(_until(_decoded(self.coded, done), self.stopped), self.most)
+            found = _decoded(self.coded, done) if self.recording is None else _recorded(self.recording, done)
+            return islice(_until(found, self.stopped), self.most)
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
         return islice(cut if source.live else _until(cut, self.stopped), self.most)
 
@@ -146,10 +150,8 @@ def _opened(
             else:
                 feed.source = stack.enter_context(inputs.capture(given, calibration, model))
         else:
-            recording = _recording(spec, stack)
-            if recording is not None:
-                feed.coded = (data for _, data in recording.messages())
-            else:
+            feed.recording = _recording(spec, stack)
+            if feed.recording is None:
                 feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
         yield feed
 
@@ -198,6 +200,26 @@ def _decoded(coded: Iterable[bytes], done: _Done) -> Iterator[Frame]:
             continue
         yield from frames
     yield from decoder.flush()
+
+
+def _recorded(reader: RecordingReader, done: _Done) -> Iterator[Frame]:
+    """Frames of a recording, with their refinements."""
+
+    def fail(error: DecodeError) -> None:
+        done.lost += 1
+
+    decoder = StreamDecoder()
+    for _, frames in decoded(reader, reader.messages(), decoder.decode, fail):
+        yield from frames
+    yield from decoder.flush()
+
+
+def _base(reader: RecordingReader) -> Iterator[bytes]:
+    """Messages of a recording. Warns if it also has refinements, which are not among them."""
+    for _, data in reader.messages():
+        yield data
+    if refinements := reader.refinements.untaken():
+        log.warning("%d refinements were left out: what is passed on was coded within the base error", refinements)
 
 
 def _encoded(frames: Iterable[Frame], encoder: StreamEncoder) -> Iterator[bytes]:
