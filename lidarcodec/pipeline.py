@@ -156,7 +156,7 @@ class StreamEncoder:
             self._encoder = fresh
         self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
         self._sensor, self._images = None if self._hdl64e else sensor, None
-        self._thinning = Thinning(settings, self._thinning, hdl64e=self._hdl64e)
+        self._thinning = Thinning(settings, self._thinning)
         self._rate = self._rate_control(settings)
         self._steer()
         return True
@@ -225,7 +225,7 @@ class StreamEncoder:
         if checked.target_kbps is not None and self.settings.target_kbps is None:
             self._images = None
         reducing = Reducing(checked, self._reducing)
-        thinning = Thinning(checked, self._thinning, hdl64e=self._hdl64e)
+        thinning = Thinning(checked, self._thinning)
         other = None if self._hdl64e else other_encoder(checked, self.stream_id)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked.base)

@@ -44,8 +44,8 @@ KINDS: Final = {
     "riddle": PlaneKind.FOLLOWING,
 }
 """Codec -> how it codes the planes of other sensors."""
-ONLY_HDL64E: Final = ("voxel-seen", "poconet", "poconet-paper")
-"""Reductions that know only the beams of an HDL-64E."""
+ONLY_HDL64E: Final = ("poconet", "poconet-paper")
+"""Reductions whose network was trained on the rows of an HDL-64E and says nothing of others."""
 
 
 def check_other(settings: StreamSettings) -> StreamSettings:
@@ -59,10 +59,8 @@ def check_other(settings: StreamSettings) -> StreamSettings:
     if settings.base_error_m is not None:
         raise SettingsError("a base and refinements are only of an HDL-64E: leave base_error_m out", "base_error_m")
     if settings.reduction in ONLY_HDL64E:
-        raise SettingsError(
-            f"reduction {settings.reduction} works only with an HDL-64E: choose voxel, random, columns:n or lattice:n",
-            "reduction",
-        )
+        text = f"reduction {settings.reduction} has a network that knows only the rows of an HDL-64E: choose voxel-seen"
+        raise SettingsError(text, "reduction")
     return settings
 
 

@@ -15,6 +15,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.motion.finder import TURN_NS, MotionFinder
 from lidarcodec.motion.motion import Motion
 from lidarcodec.motion.warp import RangeHistory
+from lidarcodec.reduction.stand_in import StandIn
 from lidarcodec.units import AZIMUTH_TURN
 
 LONGEST_GAP_NS: Final = 1_000_000_000
@@ -58,6 +59,7 @@ class Odometry:
     def reset(self) -> None:
         """Forget all frames."""
         self._finder, self._history = MotionFinder(refine=False), RangeHistory()
+        self._stand_in = StandIn()
         self._before: Frame | None = None
         self._turn_ns = TURN_NS
         self._here: Matrix = np.eye(4)
@@ -100,8 +102,11 @@ class Odometry:
             self._finder, self._history = MotionFinder(refine=False), RangeHistory()
             before = None
         bare = frame if frame.pose is None else frame.with_(pose=None)
-        found = self._finder.next(bare, self._history)
-        self._history.remember(frame.range_u16, frame.azimuth, frame.fired, frame.sensor)
+        seen = bare if frame.sensor.is_hdl64e else self._stand_in.of(bare)
+        if seen is None:  # nobody knows where its beams look
+            return Place(np.eye(4), np.eye(4), self._turn_ns, "unknown")
+        found = self._finder.next(seen, self._history)
+        self._history.remember(seen.range_u16, seen.azimuth, seen.fired, seen.sensor)
         self._remembers = True
         if found.origin == "found":
             self._found_ns = frame.stamp_ns

@@ -16,22 +16,17 @@ from lidarcodec.settings import AUTO, Purpose, StreamSettings
 
 REDUCERS: Final[dict[Purpose, str]] = {"localise": "voxel-seen"}
 """Purposes with a special reducer."""
-OF_ANY_SENSOR: Final = "voxel"
-"""The reducer of these purposes for frames of other sensors than an HDL-64E."""
 
 
 class Thinning:
     """Thins the frames of one stream, in order. It does nothing if the settings have a reduction.
 
     before: the object for the previous settings; its state is kept if the reducer stays
-    hdl64e: whether the sensor is an HDL-64E
     """
 
-    def __init__(self, settings: StreamSettings, before: Thinning | None = None, *, hdl64e: bool = True) -> None:
+    def __init__(self, settings: StreamSettings, before: Thinning | None = None) -> None:
         self._settings = settings
         self._name = REDUCERS.get(settings.purpose) if settings.reduction == AUTO else None
-        if self._name is not None and not hdl64e:
-            self._name = OF_ANY_SENSOR
         self._reducer: Reducer | None = None
         self._last: dict[str, Any] = {}
         self._thinned: tuple[Frame, Frame] | None = None

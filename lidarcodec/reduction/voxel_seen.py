@@ -20,6 +20,7 @@ from lidarcodec import _native
 from lidarcodec.frame import Frame
 from lidarcodec.motion.warp import beam_rows
 from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction, with_kept
+from lidarcodec.reduction.ground import ground_of
 from lidarcodec.reduction.lots import drawn
 from lidarcodec.reduction.odometry import Matrix, Odometry, deskewing
 from lidarcodec.reduction.spread import Returns, Spread, returns_of
@@ -87,13 +88,13 @@ class VoxelSeen(Reducer):
             self._scans.clear()
         while self._scans and frame.stamp_ns - self._scans[0].stamp_ns > _KEPT_NS:
             self._scans.popleft()
-        points = _native.deskewed(returns.xyz, returns.cells, deskewing(frame, place.per_turn))
+        columns = returns.cells % max(frame.width, 1)
+        points = _native.deskewed(returns.xyz, columns, deskewing(frame, place.per_turn))
         past = self._at_lags(frame.stamp_ns, place.turn_ns)
         self._looked = bool(past)
         found = np.zeros(len(returns.cells), np.uint8)
         if past:
-            rows = beam_rows(frame.sensor)
-            ground = _native.ground_of(points, returns.cells, frame.azimuth, frame.fired.view(np.uint8), rows)
+            ground = _ground(frame, returns, points)
             here = np.linalg.inv(place.T_world_sensor)
             where = [(here @ scan.T_world_sensor)[:3].astype(np.float32).ravel() for scan in past]
             found = _native.unseen(points, ground, [(scan.points, at) for scan, at in zip(past, where, strict=True)])
@@ -113,6 +114,14 @@ class VoxelSeen(Reducer):
                 return []
             chosen += within
         return chosen
+
+
+def _ground(frame: Frame, returns: Returns, points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """(N,) uint8, 1 for returns on the ground. points: (N, 3), deskewed"""
+    if not frame.sensor.is_hdl64e:
+        return ground_of(points)
+    rows = beam_rows(frame.sensor)
+    return _native.ground_of(points, returns.cells, frame.azimuth, frame.fired.view(np.uint8), rows)
 
 
 REDUCTION = Reduction(

@@ -134,7 +134,7 @@ def test_for_a_localiser_returns_are_chosen_and_nothing_is_thinned_to_columns() 
         assert encoder.reduced is not None
         assert encoder.reduced.lattice is None
     assert encoder.reduction is not None
-    assert encoder.reduction["name"] == "voxel"
+    assert encoder.reduction["name"] == "voxel-seen"
     assert encoder.reduction["kept"] < encoder.reduction["returns"]
 
 
