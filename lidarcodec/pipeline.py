@@ -15,8 +15,7 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Layered, Learning, Steered
-from lidarcodec.codecs.other_decoder import PlaneDecoder
-from lidarcodec.codecs.other_sensors import KINDS, check_for, other_encoder
+from lidarcodec.codecs.other_sensors import KINDS, check_for, other_decoder, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
@@ -28,7 +27,7 @@ from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.planes.intensity import Quality
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
-from lidarcodec.ratecontrol.image_curve import PROBED, PROBED_BOUND_M, ImageKind, kind_of
+from lidarcodec.ratecontrol.image_curve import PROBED, PROBED_BOUND_M, PROBED_CODEC, ImageKind, kind_of
 from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.reduction.thinning import Thinning
@@ -98,6 +97,7 @@ class StreamEncoder:
     the publisher also considers speed)
 
     make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
+    make_other: the same for frames of other sensors than the HDL-64E, as `codecs.other_sensors` does
     Raises SettingsError or UnknownNameError when settings are not allowed, MissingExtraError for a codec that is not
     installed; nothing has changed then.
     """
@@ -107,8 +107,9 @@ class StreamEncoder:
         settings: StreamSettings | None = None,
         stream_id: int | None = None,
         make_encoder: Callable[[StreamSettings, int], Encoder] = table.make_encoder,
+        make_other: Callable[[StreamSettings, int], Encoder] = other_encoder,
     ) -> None:
-        self._make_encoder = make_encoder
+        self._make_encoder, self._make_other = make_encoder, make_other
         self._asked = check(settings or StreamSettings())
         self._hdl64e = True
         """Whether frames of an HDL-64E are coded now."""
@@ -117,10 +118,10 @@ class StreamEncoder:
         self._reducing, self._thinning = Reducing(self.settings), Thinning(self.settings)
         self._encoder = make_encoder(self.settings.base, self.stream_id)
         self._rate = self._rate_control(self.settings)
-        self._steer()
-        self._held: list[Message] = []
         self._other: Encoder | None = None
         """Codes frames of other sensors than the HDL-64E."""
+        self._steer()
+        self._held: list[Message] = []
         self._sensor: SensorModel | None = None
         """The sensor whose frames that codes."""
         self._images: ImageKind | None = None
@@ -149,11 +150,12 @@ class StreamEncoder:
             if self._sensor is not None and self._sensor.hash == sensor.hash:
                 return False
             settings = check_for(sensor, without_auto(self._asked, KINDS))
-            other = other_encoder(settings, self.stream_id)
+            other = self._make_other(settings, self.stream_id)
+        fresh = self._encoder
         if settings.codec != self.settings.codec:
             fresh = self._make_encoder(settings.base, self.stream_id)
-            self._held += self._flushed()
-            self._encoder = fresh
+        self._held += self._flushed()
+        self._encoder = fresh
         self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
         self._sensor, self._images = None if self._hdl64e else sensor, None
         self._thinning = Thinning(settings, self._thinning)
@@ -226,7 +228,9 @@ class StreamEncoder:
             self._images = None
         reducing = Reducing(checked, self._reducing)
         thinning = Thinning(checked, self._thinning)
-        other = None if self._hdl64e else other_encoder(checked, self.stream_id)
+        other, key_of_other = self._other_for(checked)
+        if other is not self._other and self._other is not None:
+            self._held += self._flushed()
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked.base)
             if self._rate is not None and checked.target_kbps is not None:
@@ -238,10 +242,21 @@ class StreamEncoder:
             self._held += self._flushed()
             self._rate = self._rate_control(checked, self._rate, self._images)
             self._encoder, key = fresh, True
-        self._steer()
         self._asked = settings
         self._reducing, self._thinning, self.settings, self._other = reducing, thinning, checked, other
-        return key or other is not None
+        self._steer()
+        return key if other is None else key_of_other
+
+    def _other_for(self, settings: StreamSettings) -> tuple[Encoder | None, bool]:
+        """The encoder of frames of other sensors with these settings, and whether its next message is a key message.
+
+        A codec of pictures goes on with its group or its video; the others begin anew."""
+        if self._hdl64e:
+            return None, False
+        goes_on = self._other is not None and settings.codec == self.settings.codec and settings.codec not in KINDS
+        if goes_on and self._other is not None:
+            return self._other, self._other.apply(settings)
+        return self._make_other(settings, self.stream_id), True
 
     def aim(self, target_kbps: float) -> None:
         """With `target_kbps=auto`: set the target bitrate from the next frame on. Without a target: does nothing."""
@@ -301,13 +316,16 @@ class StreamEncoder:
 
     def _flushed(self) -> list[Message]:
         messages = [self._noted(message) for message in self._encoder.flush()]
+        messages += [] if self._other is None else [self._mounts.noted(message) for message in self._other.flush()]
         if self._rate is not None:
             self._rate.sent(None, messages)
         return messages
 
     def _steer(self) -> None:
-        if isinstance(self._encoder, Steered):
-            self._encoder.steer(self._rate)
+        encoders: tuple[object, ...] = (self._encoder, self._other)
+        for encoder in encoders:
+            if isinstance(encoder, Steered):
+                encoder.steer(self._rate)
 
     @property
     def _coder(self) -> Encoder:
@@ -321,14 +339,17 @@ class StreamEncoder:
             self._images = kind_of(frame)
             return
         bits = []
+        tried = self.settings.codec in KINDS
+        probed = {} if tried else {"codec": PROBED_CODEC, "codec_settings": {}}
         for intensity in ("off", f"levels={PROBED}"):
-            settings = self.settings.model_copy(update={"intensity": intensity, "max_error_m": PROBED_BOUND_M})
+            chosen = {"intensity": intensity, "max_error_m": PROBED_BOUND_M} | probed
+            settings = self.settings.model_copy(update=chosen)
             (message,) = other_encoder(settings, self.stream_id).encode(frame)
             bits.append(8.0 * sum(len(one.data) for one in message.sections if one.type == SectionType.PLANES))
         self._images = kind_of(frame, bits[1] - bits[0])
         self._rate = self._rate_control(self.settings, images=self._images)
         if self._rate is not None and frame.points:
-            self._rate.begin_with(bits[0] / frame.points)
+            self._rate.begin_with(bits[0] / frame.points, self.settings.codec if tried else PROBED_CODEC)
 
     def _resolved(self, settings: StreamSettings) -> StreamSettings:
         """The settings with a codec that takes the sensor's frames in place of `auto`."""
@@ -345,12 +366,17 @@ class StreamDecoder:
     """Decodes the messages of a stream. It sees changes of codec and restarts of the publisher in the headers.
 
     make_decoder: makes the decoder of a codec number, as `codecs.table` does
+    make_other: the same for messages of other sensors than the HDL-64E, as `codecs.other_sensors` does
     Raises only DecodeError and its subclasses, and WorkerError where a decoder runs in a process of its own. After an
     error it can decode the next message.
     """
 
-    def __init__(self, make_decoder: Callable[[int], Decoder] = table.make_decoder) -> None:
-        self._make_decoder = make_decoder
+    def __init__(
+        self,
+        make_decoder: Callable[[int], Decoder] = table.make_decoder,
+        make_other: Callable[[int], Decoder] = other_decoder,
+    ) -> None:
+        self._make_decoder, self._make_other = make_decoder, make_other
         self._decoder: Decoder | None = None
         self._of: tuple[int, int, bool] | None = None
         self._mounts = MountMemory()
@@ -360,7 +386,7 @@ class StreamDecoder:
         frames: list[Frame] = []
         of = (message.codec, message.stream_id, message.planes)
         if self._decoder is None or of != self._of:
-            fresh = PlaneDecoder(message.codec) if message.planes else self._make_decoder(message.codec)
+            fresh = (self._make_other if message.planes else self._make_decoder)(message.codec)
             frames = self.flush()
             self._decoder, self._of = fresh, of
         mount = self._mounts.read(message)

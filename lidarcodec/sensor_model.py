@@ -116,7 +116,7 @@ class SensorModel:
 
     @property
     def is_hdl64e(self) -> bool:
-        """Whether it is an HDL-64E, which all codecs and reducers take."""
+        """Whether it is an HDL-64E, whose messages have sections of their own."""
         return self.model == HDL64E
 
     @property

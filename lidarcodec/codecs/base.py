@@ -142,6 +142,13 @@ class InForce(Generic[Own]):
         return cls(settings, own_settings(model, settings))
 
 
+class Others(NamedTuple):
+    """Coders of frames of other sensors than the HDL-64E, of a codec that codes ranges apart from other planes."""
+
+    encoder: Callable[[int, StreamSettings, int], Encoder]
+    decoder: Callable[[int], Decoder]
+
+
 class Codec(NamedTuple):
     """Entry of a codec for the table; its module has it as `CODEC`.
 
@@ -152,6 +159,7 @@ class Codec(NamedTuple):
         picture before
     layered: whether its frames can be bases (`base_error_m`)
     files: reads what settings name on this machine, as the encoder does; raises SettingsError
+    others: encoder and decoder of frames of other sensors than the HDL-64E, of a codec of pictures
     """
 
     settings: type[CodecSettings]
@@ -163,3 +171,4 @@ class Codec(NamedTuple):
     rolling: bool = True
     layered: bool = False
     files: Callable[[StreamSettings], object] | None = None
+    others: Others | None = None

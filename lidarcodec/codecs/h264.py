@@ -6,7 +6,7 @@ from typing import Literal
 
 from lidarcodec.codecs.base import Codec
 from lidarcodec.codecs.rate_knob import crf_knob
-from lidarcodec.codecs.video import VideoDecoder, VideoSettings, video_encoder
+from lidarcodec.codecs.video import VideoDecoder, VideoSettings, video_encoder, video_others
 
 
 class H264Settings(VideoSettings):
@@ -25,4 +25,5 @@ CODEC = Codec(
     knob=crf_knob(renewal=1.15, mapping="log"),
     isolated=True,
     rolling=False,
+    others=video_others(H264Settings),
 )

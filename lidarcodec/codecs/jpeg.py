@@ -13,12 +13,16 @@ from lidarcodec.codecs.base import Codec, InForce
 from lidarcodec.codecs.frame_decoder import independent_decoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
+from lidarcodec.codecs.pictures import picture_others
 from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.aligned_rows import AlignedRows
 from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.ranges.image.canvas_head import canvas_of_frame, split_canvas
 from lidarcodec.ranges.image.jpeg_file import BLOCK, read_jpeg
+from lidarcodec.ranges.image.range_cells import Numbers, RangeCells
+from lidarcodec.ranges.mapping import Scale
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
 
@@ -49,6 +53,20 @@ def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
     return ranges_of(values, level_offsets(sensor), valid)
 
 
+def write_numbers(numbers: Numbers, cells: RangeCells, own: JpegSettings) -> bytes:
+    """What samples mean, and the JPEG of ranges of any sensor, rows aligned."""
+    rows = AlignedRows.of(cells.shift, numbers.shape[1], BLOCK)
+    values, known = rows.spread(numbers.astype(np.int32)), rows.spread(cells.known)
+    return b"".join(with_samples(own, values, known, Scale.of(cells.most, cells.step_m)))
+
+
+def read_numbers(data: bytes, cells: RangeCells) -> npt.NDArray[np.int32]:
+    """(H, W) int32, ranges. Raises SectionError."""
+    rows = AlignedRows.of(cells.shift, cells.known.shape[1], BLOCK)
+    bits, value_of, jpeg = split_samples(data, Scale.of(cells.most, cells.step_m))
+    return rows.gather(value_of[read_jpeg(jpeg, *rows.shape, bits)])
+
+
 CODEC = Codec(
     JpegSettings,
     independent_encoder(JpegSettings, code_ranges),
@@ -56,4 +74,5 @@ CODEC = Codec(
     bounded=False,
     # Chamfer distances are shorter with logarithms, root mean square errors are smaller without.
     knob=quality_knob(mapping="log"),
+    others=picture_others(JpegSettings, write_numbers, read_numbers, exact=False),
 )

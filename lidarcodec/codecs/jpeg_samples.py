@@ -14,9 +14,8 @@ from pydantic import Field
 
 from lidarcodec.codecs.base import CodecSettings
 from lidarcodec.errors import SectionError
-from lidarcodec.ranges.image.canvas import MAX_VALUE
 from lidarcodec.ranges.image.jpeg_file import Tables, write_jpeg
-from lidarcodec.ranges.mapping import NAMES, check_top, mapping_of, top_of
+from lidarcodec.ranges.mapping import CANVAS, NAMES, Scale, check_top, mapping_of, top_of
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
@@ -39,15 +38,18 @@ class JpegSettings(CodecSettings):
     """Quantisation tables. `even`: the same step for all coefficients. `libjpeg`: the tables of libjpeg."""
 
 
-def with_samples(own: JpegSettings, values: npt.NDArray[np.int32], known: Mask) -> tuple[bytes, bytes]:
-    """Description of the samples, and the JPEG. values: (H, W) int32, ranges on the canvas, 0 where not known."""
-    top = top_of(own.mapping, int(values.max()))
-    samples = mapping_of(own.mapping, own.bits, top).sample.take(values)  # NumPy's indexing crashes if memory is short
-    jpeg = write_jpeg(samples, known, own.bits, own.tables, own.quality, MAX_VALUE / top)
+def with_samples(
+    own: JpegSettings, values: npt.NDArray[np.int32], known: Mask, scale: Scale = CANVAS
+) -> tuple[bytes, bytes]:
+    """Description of the samples, and the JPEG. values: (H, W) int32, ranges on the scale, 0 where not known."""
+    top = top_of(own.mapping, int(values.max()), scale)
+    table = mapping_of(own.mapping, own.bits, top, scale.step_um).sample
+    samples = table.take(values)  # NumPy's indexing crashes if memory is short
+    jpeg = write_jpeg(samples, known, own.bits, own.tables, own.quality, scale.finer(top))
     return SAMPLES.pack(own.bits, NAMES.index(own.mapping), top), jpeg
 
 
-def split_samples(data: bytes) -> tuple[int, npt.NDArray[np.int32], bytes]:
+def split_samples(data: bytes, scale: Scale = CANVAS) -> tuple[int, npt.NDArray[np.int32], bytes]:
     """Bits a sample, canvas value of each sample, and what follows the description.
 
     Raises SectionError.
@@ -57,7 +59,7 @@ def split_samples(data: bytes) -> tuple[int, npt.NDArray[np.int32], bytes]:
     bits, mapping, top = SAMPLES.unpack_from(data)
     if bits not in (8, 12) or mapping >= _MAPPINGS:
         raise SectionError(f"samples of {bits} bits by mapping {mapping}")
-    return bits, mapping_of(NAMES[mapping], bits, check_top(top)).value, data[SAMPLES.size :]
+    return bits, mapping_of(NAMES[mapping], bits, check_top(top, scale.most), scale.step_um).value, data[SAMPLES.size :]
 
 
 def ranges_of(values: npt.NDArray[np.int32], offsets: npt.NDArray[np.int32], valid: Mask) -> Ranges:

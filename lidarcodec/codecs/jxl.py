@@ -13,13 +13,16 @@ from pydantic import Field
 from lidarcodec.codecs.base import Codec, CodecSettings, InForce
 from lidarcodec.codecs.frame_decoder import independent_decoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
+from lidarcodec.codecs.pictures import picture_others
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.aligned_rows import AlignedRows
 from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.ranges.image.canvas_head import canvas_of_frame, split_canvas
 from lidarcodec.ranges.image.holes import filled_predicted
 from lidarcodec.ranges.image.jxl_file import read_jxl, write_jxl
+from lidarcodec.ranges.image.range_cells import Numbers, RangeCells
 from lidarcodec.ranges.quantise import quantise, reconstruct
 from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
@@ -65,6 +68,21 @@ def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
     return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
 
 
+def write_numbers(numbers: Numbers, cells: RangeCells, own: JxlSettings) -> bytes:
+    """The codestream of the lower 16 bits of range numbers of any sensor, rows aligned."""
+    rows = AlignedRows.of(cells.shift, numbers.shape[1])
+    return write_jxl(filled_predicted(rows.spread(numbers.astype(np.uint16)), rows.spread(cells.known)), own.effort)
+
+
+def read_numbers(data: bytes, cells: RangeCells) -> Ranges:
+    """(H, W) uint16, those bits. Raises SectionError."""
+    return AlignedRows.of(cells.shift, cells.known.shape[1]).gather(read_jxl(data, *cells.known.shape))
+
+
 CODEC = Codec(
-    JxlSettings, independent_encoder(JxlSettings, code_ranges), independent_decoder(decode_ranges), knob=bound_knob()
+    JxlSettings,
+    independent_encoder(JxlSettings, code_ranges),
+    independent_decoder(decode_ranges),
+    knob=bound_knob(),
+    others=picture_others(JxlSettings, write_numbers, read_numbers, exact=True),
 )

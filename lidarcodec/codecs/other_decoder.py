@@ -11,13 +11,10 @@ from typing import Final
 import numpy as np
 
 from lidarcodec import _native
-from lidarcodec.codecs import table
 from lidarcodec.codecs.frame_decoder import check_codec
-from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.entropy import decode_positions
 from lidarcodec.entropy.rest_coder import rest_of
 from lidarcodec.entropy.zstd_frames import decompress
-from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.image_frame import cloud_frame, frame_of_planes, image_frame
 from lidarcodec.message import Message, SectionType
@@ -31,13 +28,9 @@ from lidarcodec.sensors.models.table import is_known
 
 
 class PlaneDecoder:
-    """Decoder of frames of other sensors than the HDL-64E, of any codec in `KINDS`."""
+    """Decoder of frames of other sensors than the HDL-64E, of a codec that codes all planes alike."""
 
     def __init__(self, codec_id: int) -> None:
-        """Raises UnsupportedVersionError for a codec that does not write such frames."""
-        name = table.codec_name(codec_id)
-        if name not in KINDS:
-            raise UnsupportedVersionError(f"codec {name} does not write frames of this sensor")
         self.codec_id = codec_id
         self._session: Final = _native.Session(decompress, inflated, shipped_file, False, _is_other)
 

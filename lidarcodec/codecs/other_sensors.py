@@ -1,40 +1,22 @@
-"""Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them.
+"""Frames of other sensors than the HDL-64E: which codecs take them, and with which settings.
 
-A message has a PLANES section with all images and a REST section with what else its packets hold. Messages of `riddle`
-refer to the frame before; those of the other codecs refer to none.
-Of a frame thinned to some columns the images hold these alone, and a LATTICE section names them. Which codecs take
-every sensor, and how each codes planes, is in `KINDS`.
+A message has a PLANES section with all images and a REST section with what else its packets hold. Most codecs code all
+images alike: how is in `KINDS`. Codecs of pictures have an encoder and a decoder of their own (`Codec.others`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final, NamedTuple
-
-import numpy as np
-import numpy.typing as npt
+from typing import Final
 
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
-from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
-from lidarcodec.codecs.referring import ReferringSettings
-from lidarcodec.entropy.rest_coder import encode_rest
-from lidarcodec.errors import SectionError, SettingsError
-from lidarcodec.frame import Frame
-from lidarcodec.frame_images import images_of, layout_of
-from lidarcodec.lattice import Lattice
-from lidarcodec.message import Section, SectionType
-from lidarcodec.packet_rest import PacketRest
-from lidarcodec.planes.attribute_values import AttributeQuality, reduced
-from lidarcodec.planes.clouds.section import CloudBefore, encode_cloud
-from lidarcodec.planes.frame_before import SentBefore
-from lidarcodec.planes.lattice_section import lattice_bytes
-from lidarcodec.planes.plane_section import PlaneKind, encode_plane_section
-from lidarcodec.planes.sections import pose_sections, position_sections
+from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.codecs.frame_encoder import FrameEncoder
+from lidarcodec.codecs.other_decoder import PlaneDecoder
+from lidarcodec.codecs.plane_content import PlaneContent
+from lidarcodec.errors import SettingsError, UnsupportedVersionError
+from lidarcodec.planes.plane_section import PlaneKind
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.clouds.points import payload_of
-from lidarcodec.sensors.images import PacketLayout, Plane, Unsigned
-from lidarcodec.settings import AUTO, StreamSettings, step_of
+from lidarcodec.settings import AUTO, StreamSettings
 
 KINDS: Final = {
     "raw": PlaneKind.PLAIN,
@@ -43,9 +25,19 @@ KINDS: Final = {
     "predictive": PlaneKind.MODELLED,
     "riddle": PlaneKind.FOLLOWING,
 }
-"""Codec -> how it codes the planes of other sensors."""
+"""Codec -> how it codes all planes of other sensors, ranges among them. `auto` chooses among these."""
+
+
 ONLY_HDL64E: Final = ("poconet", "poconet-paper")
 """Reductions whose network was trained on the rows of an HDL-64E and says nothing of others."""
+
+
+def takes_others(codec: str) -> bool:
+    """Whether a codec takes frames of other sensors than the HDL-64E.
+
+    Raises UnknownNameError.
+    """
+    return codec in KINDS or table.codec(codec).others is not None
 
 
 def check_other(settings: StreamSettings) -> StreamSettings:
@@ -53,8 +45,8 @@ def check_other(settings: StreamSettings) -> StreamSettings:
 
     Raises SettingsError with the field and what to do.
     """
-    if settings.codec not in (*KINDS, AUTO):
-        able = ", ".join(KINDS)
+    if settings.codec != AUTO and not takes_others(settings.codec):
+        able = ", ".join(name for name in table.names() if takes_others(name))
         raise SettingsError(f"codec {settings.codec} takes only frames of an HDL-64E: choose one of {able}", "codec")
     if settings.base_error_m is not None:
         raise SettingsError("a base and refinements are only of an HDL-64E: leave base_error_m out", "base_error_m")
@@ -70,6 +62,9 @@ def check_for(sensor: SensorModel, settings: StreamSettings) -> StreamSettings:
     Raises SettingsError with the field and what to do.
     """
     if sensor.is_cloud:
+        if settings.codec not in (*KINDS, AUTO):
+            text = f"codec {settings.codec} takes no point clouds: choose one of {', '.join(KINDS)}"
+            raise SettingsError(text, "codec")
         if settings.intensity not in (AUTO, "lossless"):
             text = f"the fields of a point cloud travel as they are: leave intensity={settings.intensity} out"
             raise SettingsError(text, "intensity")
@@ -85,106 +80,24 @@ def check_for(sensor: SensorModel, settings: StreamSettings) -> StreamSettings:
 def other_encoder(settings: StreamSettings, stream_id: int) -> Encoder:
     """An encoder of frames of other sensors than the HDL-64E.
 
-    Raises SettingsError as `check_other` does.
+    Raises SettingsError as `check_other` does, MissingExtraError.
     """
     check_other(settings)
-    own = table.load(settings.codec).settings
-    number = table.codec_id(settings.codec)
-    return FrameEncoder(number, settings, stream_id, own, PlaneContent(KINDS[settings.codec]))
+    codec, number = table.load(settings.codec), table.codec_id(settings.codec)
+    if codec.others is not None:
+        return codec.others.encoder(number, settings, stream_id)
+    return FrameEncoder(number, settings, stream_id, codec.settings, PlaneContent(KINDS[settings.codec]))
 
 
-class PlaneContent:
-    """What a codec sends of a frame of another sensor than an HDL-64E."""
+def other_decoder(number: int) -> Decoder:
+    """A decoder of messages of other sensors than the HDL-64E, of the codec of that number.
 
-    _settings: InForce[CodecSettings]
-
-    def __init__(self, kind: PlaneKind) -> None:
-        self._kind = kind
-        self._before = SentBefore() if kind == PlaneKind.FOLLOWING else None
-        self._cloud_before = CloudBefore()
-
-    def take(self, settings: InForce[CodecSettings]) -> bool:
-        """Takes settings; no frame needs a key message for them.
-
-        Raises SettingsError for settings that these frames cannot have.
-        """
-        check_other(settings.stream)
-        self._settings = settings
-        return False
-
-    def code(self, frame: Frame, *, key: bool) -> Coded:
-        """All sections of a frame. With `FOLLOWING` they refer to the frame before, if that was coded as a whole."""
-        before, own = self._before, self._settings.own
-        remembers = isinstance(own, ReferringSettings) and own.memory
-        needs = None if before is None else before.begin(alone=key or not remembers)
-        rest = frame.side
-        if not isinstance(rest, PacketRest):
-            raise SectionError("a frame of this sensor without its packets' series cannot be sent")
-        if frame.sensor.is_cloud:
-            return Coded(self._cloud(frame, rest) + position_sections(frame) + pose_sections(frame), None)
-        sections = [Section(SectionType.REST, encode_rest(rest))]
-        found = layout_of(frame)
-        if found is not None:
-            sections.append(Section(SectionType.PLANES, self._planes(frame, found[1])))
-        if frame.lattice is not None:
-            sections.append(Section(SectionType.LATTICE, lattice_bytes(Lattice(frame.width, frame.lattice))))
-        sections += position_sections(frame) + pose_sections(frame)
-        if before is not None:
-            before.take(frame.index)
-        return Coded(sections, needs)
-
-    def _cloud(self, frame: Frame, rest: PacketRest) -> list[Section]:
-        """The message of a frame of a point cloud. Its REST section has nothing but the host time."""
-        cloud = encode_cloud(payload_of(frame), self._kind, self._settings.stream.max_error_m, self._cloud_before)
-        without = PacketRest("", rest.packet_ns, np.zeros(0, np.uint16), ())
-        return [Section(SectionType.REST, encode_rest(without)), Section(SectionType.CLOUD, cloud)]
-
-    def _planes(self, frame: Frame, layout: PacketLayout) -> bytes:
-        stream = self._settings.stream
-        step = 1 if stream.max_error_m is None else step_of(stream.max_error_m, frame.sensor.range_step_m)
-        sent = sent_planes(frame, layout, AttributeQuality.of(stream))
-        reduced = frame.keep is not None
-        shift, azimuth = shift_of(frame), sent_azimuth(frame)
-        following = None if self._before is None else self._before.following(frame, azimuth)
-        return encode_plane_section(
-            self._kind, sent.forms, sent.planes, shift, step, sent.tables, reduced=reduced, following=following
-        )
-
-
-class Sent(NamedTuple):
-    """The planes of a frame that are sent, in the columns that are sent; tables: as of `attribute_values.reduced`."""
-
-    forms: tuple[Plane, ...]
-    planes: Mapping[str, Unsigned]
-    tables: Mapping[str, Unsigned]
-
-
-def sent_planes(frame: Frame, layout: PacketLayout, quality: AttributeQuality) -> Sent:
-    """What of a frame is sent with attributes of that quality, ranges unquantised."""
-    forms = tuple(one for one in layout.planes if one.role != "attribute" or not quality.off)
-    planes: Mapping[str, Unsigned] = images_of(frame, layout).planes
-    if frame.lattice is not None:
-        planes = {name: np.ascontiguousarray(image[:, frame.lattice]) for name, image in planes.items()}
-    if quality.off or quality.lossless:
-        return Sent(forms, planes, {})
-    few = reduced(forms, planes, quality)
-    return Sent(forms, few.planes, few.tables)
-
-
-def sent_azimuth(frame: Frame) -> npt.NDArray[np.uint16]:
-    """(W,) hundredths of a degree, of the columns that are sent."""
-    azimuth: npt.NDArray[np.uint16] = frame.azimuth[0]
-    return azimuth if frame.lattice is None else azimuth[frame.lattice]
-
-
-def shift_of(frame: Frame) -> npt.NDArray[np.int32]:
-    """(H,) columns by which the rows of a frame must be moved so that neighbours look in one direction."""
-    rotation = frame.sensor.calibration["rot_correction_rad"][frame.sensor.laser_of_ring]
-    azimuth = sent_azimuth(frame).astype(np.int64)
-    steps = np.diff(azimuth) % 36000
-    step = float(np.median(steps)) if len(steps) else 0.0
-    if not 0 < step < 3600:
-        return np.zeros(len(rotation), np.int32)
-    columns = np.rint(-np.degrees(rotation) * 100.0 / step)
-    shift: npt.NDArray[np.int32] = np.clip(columns - np.rint(np.median(columns)), -4096, 4096).astype(np.int32)
-    return shift
+    Raises UnsupportedVersionError for a codec that does not write such messages, MissingCodecError among them.
+    """
+    name = table.codec_name(number)
+    if name in KINDS:
+        return PlaneDecoder(number)
+    others = table.load(table.decodable(number)).others
+    if others is None:
+        raise UnsupportedVersionError(f"codec {name} does not write frames of this sensor")
+    return others.decoder(number)

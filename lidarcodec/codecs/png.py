@@ -17,10 +17,12 @@ from pydantic import Field
 from lidarcodec.codecs.base import Codec, CodecSettings, InForce
 from lidarcodec.codecs.frame_decoder import independent_decoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
+from lidarcodec.codecs.pictures import picture_others
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.ranges.image.holes import filled_left
+from lidarcodec.ranges.image.range_cells import Numbers, RangeCells
 from lidarcodec.ranges.quantise import quantise, reconstruct
 from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
@@ -126,6 +128,20 @@ def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
     return reconstruct(read_png(png, *valid.shape)[valid], step)
 
 
+def write_numbers(numbers: Numbers, cells: RangeCells, own: PngSettings) -> bytes:
+    """The PNG of the lower 16 bits of range numbers of any sensor."""
+    return write_png(filled_left(numbers.astype(np.uint16), cells.known), own.level)
+
+
+def read_numbers(data: bytes, cells: RangeCells) -> Ranges:
+    """(H, W) uint16, those bits. Raises SectionError."""
+    return read_png(data, *cells.known.shape)
+
+
 CODEC = Codec(
-    PngSettings, independent_encoder(PngSettings, code_ranges), independent_decoder(decode_ranges), knob=bound_knob()
+    PngSettings,
+    independent_encoder(PngSettings, code_ranges),
+    independent_decoder(decode_ranges),
+    knob=bound_knob(),
+    others=picture_others(PngSettings, write_numbers, read_numbers, exact=True),
 )

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from lidarcodec.codecs.other_sensors import sent_planes
+from lidarcodec.codecs.plane_content import sent_planes
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import layout_of
 from lidarcodec.message import Message, SectionType
@@ -31,12 +31,12 @@ def told_of_planes(message: Message) -> AttributeQuality:
 
 
 def plane_difference(
-    came: Frame, sent: Frame, quality: AttributeQuality, allowed: int, *, exact: bool = True
+    came: Frame, sent: Frame, quality: AttributeQuality, allowed: int | None, *, exact: bool = True
 ) -> str | None:
     """In words; None: all is as promised.
 
-    quality: of the attributes; allowed: the largest error of a second range, in range steps; exact: whether the encoder
-    chose values with this very quality
+    quality: of the attributes; allowed: the largest error of a range, in range steps, None if there is no bound
+    exact: whether the encoder chose values with this very quality
     """
     found = layout_of(sent)
     if found is None:
@@ -49,7 +49,9 @@ def plane_difference(
     for form in promised.forms:
         image, values = images[form.name], promised.planes[form.name]
         if form.role != "attribute":
-            if int(np.abs(image.astype(np.int64) - values.astype(np.int64)).max(initial=0)) > allowed:
+            if not np.array_equal(image > 0, values > 0):
+                return f"other returns in {form.name}"
+            if allowed is not None and _largest_error(image, values) > allowed:
                 return f"larger errors of {form.name} than are allowed"
         elif (exact or form.name not in promised.tables) and not np.array_equal(image, values):
             return f"different values of {form.name} than were chosen"
@@ -64,6 +66,10 @@ def plane_difference(
         if not exact and _too_far(image, values):
             return f"larger errors of {name} than any choice of values allows"
     return None
+
+
+def _largest_error(image: Unsigned, values: Unsigned) -> int:
+    return int(np.abs(image.astype(np.int64) - values.astype(np.int64)).max(initial=0))
 
 
 def _too_far(came: Unsigned, given: Unsigned) -> bool:

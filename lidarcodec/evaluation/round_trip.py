@@ -185,9 +185,10 @@ def difference(
     if not _same_side(came.side, sent.side):
         return "other packets"
     if not sent.sensor.is_hdl64e:
+        allowed = _allowed(sent, settings, step) if table.codec(settings.codec).bounded else None
         few = AttributeQuality.of(settings) if told is None or isinstance(told, Quality) else told
         return _range_difference(came, sent, settings, step) or plane_difference(
-            came, sent, few, _allowed(sent, settings, step), exact=told is None
+            came, sent, few, allowed, exact=told is None
         )
     told = told if isinstance(told, Quality) else None
     return _range_difference(came, sent, settings, step) or _intensity_difference(

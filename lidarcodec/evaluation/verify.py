@@ -15,6 +15,7 @@ import numpy as np
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
+from lidarcodec.codecs.pictures import split_head
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.metrics import RangeErrors
 from lidarcodec.evaluation.plane_difference import told_of_planes
@@ -65,10 +66,11 @@ def promise_of(message: Message) -> Promise:
     """
     name = table.codec_name(message.codec)
     reduced = any(section.type in (SectionType.KEEP, SectionType.LATTICE) for section in message.sections)
-    if not table.codec(name).bounded:
-        return Promise(None, False, reduced)
+    bounded = table.codec(name).bounded
     if message.planes:
-        return _promise_of_planes(message)
+        return _promise_of_planes(message, bounded=bounded)
+    if not bounded:
+        return Promise(None, False, reduced)
     if name == "raw":
         return Promise(1, False)
     sections = {section.type: bytes(section.data[:2]) for section in message.sections}
@@ -88,7 +90,7 @@ def promise_refined(promise: Promise, refined: RefinedFrame | None) -> Promise:
     return promise._replace(step=refined.step, identical=identical, told=told)
 
 
-def _promise_of_planes(message: Message) -> Promise:
+def _promise_of_planes(message: Message, *, bounded: bool) -> Promise:
     """The same for a message of a sensor other than an HDL-64E."""
     if message.has(SectionType.CLOUD):
         bound_m = bound_of_cloud(message.section(SectionType.CLOUD))
@@ -97,7 +99,11 @@ def _promise_of_planes(message: Message) -> Promise:
         return Promise(1, True)
     head = read_head(message.section(SectionType.PLANES))
     lattice = message.has(SectionType.LATTICE)
-    return Promise(head.step, head.exact, head.reduced or lattice, told_of_planes(message))
+    reduced, told = head.reduced or lattice, told_of_planes(message)
+    if not bounded:
+        return Promise(None, False, reduced, told)
+    step = split_head(message.section(SectionType.RANGE))[1] if message.has(SectionType.RANGE) else head.step
+    return Promise(step, head.exact and step == 1, reduced, told)
 
 
 class Coverage(NamedTuple):

@@ -66,12 +66,12 @@ def _returns(payload: bytes) -> npt.NDArray[np.uint16]:
 
 
 def values_difference(
-    decoded: Frame, original: Frame, told: AttributeQuality, step: int, *, reduced: bool
+    decoded: Frame, original: Frame, told: AttributeQuality, step: int | None, *, reduced: bool
 ) -> str | None:
     """What second returns, intensities or further attributes are not as promised, in words; None if all are.
 
-    told: quality of the attributes by the message; only lossless ones are compared. step: of its ranges; reduced:
-    whether returns were removed
+    told: quality of the attributes by the message; only lossless ones are compared. step: of its ranges, None
+    if they have no bound; reduced: whether returns were removed
     """
     if original.sensor.is_hdl64e:
         kept = decoded.valid if reduced else np.True_
@@ -91,6 +91,6 @@ def values_difference(
             return f"other values of {form.name}"
         if not attribute and not np.array_equal(values > 0, image > 0):
             return f"other returns in {form.name}"
-        if not attribute and np.abs(values - image).max(initial=0) > step // 2:
+        if not attribute and step is not None and np.abs(values - image).max(initial=0) > step // 2:
             return f"larger errors of {form.name} than their messages allow"
     return None

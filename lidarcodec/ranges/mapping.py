@@ -22,6 +22,7 @@ frame of the KITTI training drives (sfnd, 0013) at an RMSE of
 
 from __future__ import annotations
 
+import math
 from decimal import Context, Decimal, localcontext
 from functools import lru_cache
 from typing import Final, Literal, NamedTuple, get_args
@@ -35,8 +36,30 @@ from lidarcodec.ranges.image.canvas import MAX_VALUE
 MappingName = Literal["linear", "sqrt", "log", "paper"]
 NAMES: Final[tuple[MappingName, ...]] = get_args(MappingName)
 """In the order of their numbers in messages."""
-LOG_KNEE: Final = 5000
+LOG_KNEE_UM: Final = 10_000_000
 """10 m: far beyond it `log` has the same precision for equal ratios, far below it is almost `linear`."""
+_CANVAS_STEP_UM: Final = 2000
+_CM_UM: Final = 10_000
+
+
+class Scale(NamedTuple):
+    """A scale of ranges: the largest one, in steps, and the step in micrometres."""
+
+    most: int
+    step_um: int
+
+    @classmethod
+    def of(cls, most: int, step_m: float) -> Scale:
+        """The scale of a sensor with that range step."""
+        return cls(most, max(round(step_m * 1e6), 1))
+
+    def finer(self, top: int) -> float:
+        """How much finer samples up to `top` are than those of the whole canvas of an HDL-64E, 133 m."""
+        return MAX_VALUE * _CANVAS_STEP_UM / (top * self.step_um)
+
+
+CANVAS: Final = Scale(MAX_VALUE, _CANVAS_STEP_UM)
+"""That of an HDL-64E's canvas."""
 
 
 class Mapping(NamedTuple):
@@ -50,52 +73,53 @@ class Mapping(NamedTuple):
     value: npt.NDArray[np.int32]
 
 
-def check_top(top: int) -> int:
+def check_top(top: int, most: int = MAX_VALUE) -> int:
     """The largest value that samples can express, if there can be such a value.
 
     Raises SectionError.
     """
-    if not 1 <= top <= MAX_VALUE:
-        raise SectionError(f"samples for ranges up to {top}: 1 to {MAX_VALUE} are possible")
+    if not 1 <= top <= most:
+        raise SectionError(f"samples for ranges up to {top}: 1 to {most} are possible")
     return top
 
 
-def _log_values(top: int, peak: int) -> list[Decimal]:
+def _log_values(top: int, peak: int, step_um: int) -> list[Decimal]:
     with localcontext(Context(prec=30)):
-        ratio = (1 + Decimal(top) / LOG_KNEE) ** (Decimal(1) / peak)
+        knee = Decimal(LOG_KNEE_UM) / step_um
+        ratio = (1 + Decimal(top) / knee) ** (Decimal(1) / peak)
         values, power = [], Decimal(1)
         for _ in range(peak + 1):
-            values.append(LOG_KNEE * (power - 1))
+            values.append(knee * (power - 1))
             power *= ratio
     return values
 
 
-_STEPS_PER_CM: Final = 5
 _FOLD: Final = 5
 """Where |log2(d + 1) - 5| is 0, as a power of two of d + 1."""
 
 
-def _paper(bits: int, top: int) -> Mapping:
+def _paper(bits: int, top: int, step_um: int) -> Mapping:
     """The mapping of Tu 2016: 2^(bits - 4) samples to an octave."""
-    octave = 1 << (bits - 4)
+    octave, steps_per_cm = 1 << (bits - 4), _CM_UM / step_um
     with localcontext(Context(prec=30)):
+        per_cm = Decimal(_CM_UM) / step_um
         root = Decimal(2) ** (Decimal(1) / octave)
         ahead = [Decimal(2) ** _FOLD]
         for _ in range((1 << bits) - 1):
             ahead.append(ahead[-1] * root)
         centimetres = [float(power - 1) for power in ahead]
-        value = [min(int((power - 1) * _STEPS_PER_CM + Decimal("0.5")), top) for power in ahead]
-        folded = [float(octave * (_FOLD - (1 + Decimal(d) / _STEPS_PER_CM).ln() / Decimal(2).ln()))
-                  for d in range(min(top + 1, (2**_FOLD - 1) * _STEPS_PER_CM))]  # fmt: skip
-    values = np.arange(top + 1, dtype=np.float64) / _STEPS_PER_CM
+        value = [min(int((power - 1) * per_cm + Decimal("0.5")), top) for power in ahead]
+        folded = [float(octave * (_FOLD - (1 + Decimal(d) / per_cm).ln() / Decimal(2).ln()))
+                  for d in range(min(top + 1, math.ceil((2**_FOLD - 1) * per_cm)))]  # fmt: skip
+    values = np.arange(top + 1, dtype=np.float64) / steps_per_cm
     sample = np.interp(values, np.array(centimetres), np.arange(len(centimetres), dtype=np.float64))
     sample[: len(folded)] = np.abs(np.array(folded))
     return Mapping(sample.astype(np.float32), np.array(value, np.int32))
 
 
 @lru_cache(maxsize=8)
-def mapping_of(name: MappingName, bits: int, top: int) -> Mapping:
-    """Tables of a mapping onto samples of 8, 10 or 12 bits; top: the largest canvas value, 1..66535."""
+def mapping_of(name: MappingName, bits: int, top: int, step_um: int = _CANVAS_STEP_UM) -> Mapping:
+    """Tables of a mapping onto samples of 8, 10 or 12 bits; top: the largest canvas value; step_um: a step of it."""
     peak = (1 << bits) - 1
     levels = np.arange(peak + 1, dtype=np.int64)
     values = np.arange(top + 1, dtype=np.float64)
@@ -107,13 +131,19 @@ def mapping_of(name: MappingName, bits: int, top: int) -> Mapping:
         square = (2 * levels**2 * top + peak**2) // (2 * peak**2)
         return Mapping((np.sqrt(values / top) * peak).astype(np.float32), square.astype(np.int32))
     if name == "paper":
-        return _paper(bits, top)
-    exact = _log_values(top, peak)
+        return _paper(bits, top, step_um)
+    exact = _log_values(top, peak, step_um)
     rounded = np.array([int(value + Decimal("0.5")) for value in exact], np.int32)
     sample = np.interp(values, np.array([float(value) for value in exact]), levels)
     return Mapping(sample.astype(np.float32), np.minimum(rounded, top).astype(np.int32))
 
 
-def top_of(name: MappingName, farthest: int) -> int:
-    """The `top` for an image whose largest canvas value is `farthest`: itself, but `log` has one table for all."""
-    return MAX_VALUE if name == "log" else max(farthest, 1)
+def top_of(name: MappingName, farthest: int, scale: Scale = CANVAS) -> int:
+    """The `top` for an image whose largest canvas value is `farthest`: itself, but `log`, whose tables take long, has
+    one for an HDL-64E, and four an octave for others."""
+    if name != "log":
+        return max(farthest, 1)
+    if scale == CANVAS:
+        return MAX_VALUE
+    below = max(farthest.bit_length() - 3, 0)
+    return max(min(-(-farthest >> below) << below, scale.most), 1)

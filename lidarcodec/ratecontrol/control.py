@@ -100,10 +100,11 @@ class RateControl:
         if self._plan.target_bps != target_bps:
             self._state = retargeted(self._state)
 
-    def begin_with(self, bits: float) -> None:
-        """Before the first frame of another sensor than an HDL-64E: what a range took when it was tried, in bits."""
+    def begin_with(self, bits: float, codec: str) -> None:
+        """Before the first frame of another sensor than an HDL-64E: what a range took when it was tried, in bits, and
+        with which codec."""
         if self._images is not None and bits > 0.0:
-            guess = range_bits(self._settings.codec, self._images)
+            guess = range_bits(codec, self._images)
             roughness = math.log(bits / guess) / float(tilt(np.array([guess]))[0])
             self._state = replace(self._state, roughness=min(max(roughness, -MAX_ROUGHNESS), MAX_ROUGHNESS))
 

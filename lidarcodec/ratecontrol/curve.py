@@ -160,14 +160,14 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
         pins = pins._replace(levels=0)
     thinned = pins.purpose != "localise" or pins.step is None
     entry = points_of(codec, pins.purpose if thinned else "look")
-    values, grids = _fine(entry, codec, pins.bound_m)
+    values, grids = fine_values(entry, codec, pins.bound_m)
     steps = np.array(entry["steps"])
     levels = np.array(entry["levels"])
     allowed_steps = steps if pins.step is None else steps[[np.abs(np.log(steps / pins.step)).argmin()]]
     if pins.purpose == "archive":
         allowed_steps = allowed_steps[:1]
     allowed_levels = levels if pins.levels is None else levels[[np.abs(levels - pins.levels).argmin()]]
-    fine_enough = _allowed(entry, codec, values, grids["rmse_m"], pins)
+    fine_enough = allowed_values(entry, values, grids["rmse_m"], pins)
     shades = np.array(entry["intensity_rmse"])
     shades[:, levels == 0] = shades.max()  # without intensity the step does not matter
     parts: list[list[Floats]] = []
@@ -199,7 +199,7 @@ def missed(rmse: Floats) -> Floats:
     return missed
 
 
-def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Floats, dict[str, Floats]]:
+def fine_values(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Floats, dict[str, Floats]]:
     """Values of the knob between the measured ones, including a pinned bound, and the grids interpolated at them."""
     knob = table.codec(codec).knob
     assert knob is not None
@@ -218,7 +218,7 @@ def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Flo
     return all_values[inside], grids
 
 
-def _allowed(entry: dict[str, Any], codec: str, values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
+def allowed_values(entry: dict[str, Any], values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
     """(steps, values) bool, points within the limits of automatic choices; the finest value is always allowed."""
     if entry["knob"] != BOUND:
         fine = rmse <= (SPARSE_RMSE_M if pins.sparse else COARSEST_RMSE_M)

@@ -27,11 +27,22 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs import table
+from lidarcodec.codecs.rate_knob import BOUND
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import layout_of
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.ratecontrol.chain import chain
-from lidarcodec.ratecontrol.curve import COARSEST_M, RETURNS_A_SECOND, Curve, Pins, WorkingPoint, missed, points_of
+from lidarcodec.ratecontrol.curve import (
+    COARSEST_M,
+    RETURNS_A_SECOND,
+    Curve,
+    Pins,
+    WorkingPoint,
+    allowed_values,
+    fine_values,
+    missed,
+    points_of,
+)
 from lidarcodec.sensors.images import QUANTITIES
 from lidarcodec.settings import step_of
 from lidarcodec.units import AZIMUTH_TURN, RANGE_STEP_M
@@ -49,6 +60,8 @@ PROBED: Final = 4
 """Levels with which it is tried what the attributes of a sensor take."""
 PROBED_BOUND_M: Final = 0.02
 """Bound of the ranges meanwhile."""
+PROBED_CODEC: Final = "predictive"
+"""Codec meanwhile, in place of one that codes ranges as pictures."""
 MOST_ATTRIBUTES: Final = 64.0
 BEYOND: Final = 4 / 3
 """A lattice may be wider than the widest that was measured by this factor, and no more: too little would be seen."""
@@ -125,11 +138,11 @@ def image_curve(codec: str, pins: Pins, kind: ImageKind) -> Curve:
     levels = np.array(_attributes()["levels"])
     if pins.levels is not None:
         levels = levels[[np.abs(levels - pins.levels).argmin()]]
-    values = _values(kind.range_step_m, pins.bound_m)
     grid = _Grid(entry, codec)
     rows = []
     for step in steps:
         like = np.log(np.clip(step * wider, measured[0], measured[-1]))
+        values = grid.values(like, kind, pins)
         seen = like if step > 1 or chosen else 0.0  # no gap is wider than the sensor's own columns
         ranges = grid.range_bits(like, values, kind.range_step_m) * np.exp(like) / step
         chamfer_m = grid.at("chamfer_m", seen, values, kind.range_step_m if chosen else RANGE_STEP_M)
@@ -165,12 +178,27 @@ class _Grid:
     def __init__(self, entry: dict[str, Any], codec: str) -> None:
         knob = table.codec(codec).knob
         assert knob is not None
+        self._codec, self._knob, self._bound = codec, knob, knob.setting == BOUND
         self._entry, self._steps = entry, np.log(np.array(entry["steps"], float))
-        self._places: Floats = -np.log(2.0 * (np.array(entry["values"]) / RANGE_STEP_M) + 1.0)
+        self._places: Floats = np.array(knob.places(entry["values"]))
+        if self._bound:
+            self._places = -np.log(2.0 * (np.array(entry["values"]) / RANGE_STEP_M) + 1.0)
+
+    def values(self, like: float, kind: ImageKind, pins: Pins) -> Floats:
+        """(N,) values of the knob to choose among, from the coarsest. A quality has the same error for every sensor."""
+        if self._bound:
+            return _values(kind.range_step_m, pins.bound_m)
+        values, grids = fine_values(self._entry, self._codec, None)
+        nearest = int(np.abs(self._steps - like).argmin())
+        found: Floats = values[allowed_values(self._entry, values, grids["rmse_m"], pins)[nearest]]
+        return found
 
     def at(self, name: str, like: float, values: Floats, range_step_m: float = RANGE_STEP_M) -> Floats:
-        """(N,) what was measured at those bounds of a sensor with such range steps. like: logarithm of the step."""
-        places = np.minimum(_places(values, range_step_m), 0.0)
+        """(N,) what was measured at those values, bounds for a sensor with such range steps. like: logarithm of the
+        step."""
+        places = np.array(self._knob.places(values.tolist()))
+        if self._bound:
+            places = np.minimum(_places(values, range_step_m), 0.0)
         columns = [np.exp(np.interp(places, self._places, np.log(np.maximum(row, 1e-6)))) for row in self._entry[name]]
         found: Floats = np.array(
             [np.exp(np.interp(like, self._steps, np.log(column))) for column in np.array(columns).T]
@@ -179,7 +207,7 @@ class _Grid:
 
     def range_bits(self, like: float, values: Floats, range_step_m: float) -> Floats:
         """(N,) bits of the ranges and their mask per return of the frame; a bit more for each halving of the step."""
-        finer = np.maximum(_places(values, range_step_m), 0.0) / np.log(2.0)
+        finer = np.maximum(_places(values, range_step_m), 0.0) / np.log(2.0) if self._bound else np.zeros(len(values))
         mask = np.interp(like, self._steps, self._entry["rest_bits"])
         found: Floats = self.at("range_bits", like, values, range_step_m) + finer * np.exp(-like) + mask
         return found

@@ -13,17 +13,21 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lidarcodec
 from lidarcodec import wire
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.worker.isolation import Isolation
+from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, WorkerError
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import StreamSettings, settings_from
 from tests.apps.streams import Loop
+from tests.codecs.test_other_sensors import SMALL
+from tests.codecs.test_other_sensors_pictures import framed
 from tests.conftest import ROOT
 from tests.contracts import frames
 from tests.contracts.codec import assert_equal, from_table
@@ -90,6 +94,23 @@ def test_frames_and_messages_are_those_of_this_process(ends):
         assert len(came) == len(sent)
         for one, other in zip(came, sent, strict=True):
             assert_equal(one, other, from_table(codec))
+    assert pair.failures == []
+
+
+@pytest.mark.parametrize("codec", sampled(["h264", "zstd"], ["h264"]))
+def test_frames_of_other_sensors_go_there_and_back_as_a_whole(ends, codec):
+    pair, settings = ends(), settings_from({"codec": codec, "reduction": "columns:2"})
+    there = StreamEncoder(settings, 7, pair.sender.make_encoder, pair.sender.make_other_encoder)
+    here = StreamEncoder(settings, 7)
+    decoder = StreamDecoder(pair.receiver.make_decoder, pair.receiver.make_other_decoder)
+    for index, capture in enumerate(("vlp16", "vlp16", SMALL[2])):
+        frame = framed(capture, 16).with_(index=index)
+        messages = there.encode(frame)
+        assert [wire.pack(message) for message in messages] == [wire.pack(message) for message in here.encode(frame)]
+        (decoded,) = (one for message in messages for one in decoder.decode(message))
+        assert decoded.sensor.hash == frame.sensor.hash
+        assert len(packets_of(decoded)) == len(packets_of(frame))
+        np.testing.assert_array_equal(decoded.range > 0, here.reduced.valid)
     assert pair.failures == []
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.assembly import packets_of
+from lidarcodec.codecs import table
 from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
@@ -19,6 +20,7 @@ from lidarcodec.settings import settings_from, step_of
 from lidarcodec.wire import pack
 from tests.codecs.test_other_sensors import FILES, opened
 from tests.contracts import frames as made
+from tests.sweeps import sampled
 
 VLP16 = ImageKind(1.2, 1, 0.002, 150_000.0)
 OS1 = ImageKind(2.0, 2, 0.008, 1_100_000.0)
@@ -87,6 +89,35 @@ def test_a_target_is_kept_and_no_range_is_further_off_than_is_said(capture: str,
         off = np.abs(decoded.range.astype(np.int64) - frame.range)[kept]
         assert off.max() * frame.sensor.range_step_m <= min(encoder.rate["max_error_m"], COARSEST_M) + 1e-9
     assert abs(sum(bits[5:]) / (25 * 0.1) / 1e3 / kbps - 1) < 0.05
+    assert encoder.rate is not None
+    assert (encoder.rate["limited_by"], encoder.rate["reached"]) == ("target", True)
+
+
+@pytest.mark.parametrize(
+    ("capture", "codec", "kbps"),
+    sampled(
+        [
+            ("vlp16", "png", 700),
+            ("vlp16", "jxl", 600),
+            ("vlp16", "jpeg", 400),
+            ("vlp16", "h264-log", 200),
+            ("OS-0-32-U1_v2.2.0_1024x10", "h264", 1000),
+            ("xt32m", "jpeg-layered", 150),
+        ],
+        [("vlp16", "jpeg", 400), ("vlp16", "h264-log", 200)],
+    ),
+)
+def test_a_target_is_kept_with_codecs_of_pictures_too(capture: str, codec: str, kbps: float) -> None:
+    if codec not in table.installed():
+        pytest.skip(f"codec {codec} is not installed")
+    encoder, decoder = StreamEncoder(settings_from({"codec": codec, "target_kbps": kbps}), 1), StreamDecoder()
+    bits = []
+    for frame in stream(capture, 40):
+        messages = encoder.encode(frame)
+        bits.append(sum(8 * len(pack(message)) for message in messages))
+        for decoded in (one for message in messages for one in decoder.decode(message)):
+            assert decoded.points
+    assert abs(sum(bits[8:]) / (32 * 0.1) / 1e3 / kbps - 1) < 0.06
     assert encoder.rate is not None
     assert (encoder.rate["limited_by"], encoder.rate["reached"]) == ("target", True)
 

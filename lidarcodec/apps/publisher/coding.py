@@ -31,7 +31,11 @@ class Coding:
     ) -> None:
         self.isolation = Isolation(isolate, failed)
         self.choosing = CodecChooser(interval_s)
-        self.encoder = StreamEncoder(self.choosing.codec_for(asked), make_encoder=self.isolation.make_encoder)
+        self.encoder = StreamEncoder(
+            self.choosing.codec_for(asked),
+            make_encoder=self.isolation.make_encoder,
+            make_other=self.isolation.make_other_encoder,
+        )
         self.learning = SpareLearning(self.encoder, once)
 
     @property

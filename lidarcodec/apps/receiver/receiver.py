@@ -102,7 +102,7 @@ class Receiver:
         self._slot: Mailbox[Message] = Mailbox()
         self._once = Once(logger)
         self._isolation = Isolation(isolate, lambda error: self._once.add(f"worker {error.cause}", error))
-        self._decoder = StreamDecoder(self._isolation.make_decoder)
+        self._decoder = self._fresh_decoder()
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
         self._joined: int | None = None
         self._key_wanted, self._key_asked_for = True, False
@@ -146,6 +146,9 @@ class Receiver:
     def worker_restarts(self) -> int:
         """Number of restarts of the decoder's process after failures."""
         return self._isolation.restarts
+
+    def _fresh_decoder(self) -> StreamDecoder:
+        return StreamDecoder(self._isolation.make_decoder, self._isolation.make_other_decoder)
 
     def request_key(self) -> None:
         """Ask the publisher for a key frame, soon."""
@@ -263,7 +266,7 @@ class Receiver:
         if not self.decoding:
             self._have_key(message, but_decodes=False)
             if self._joined is not None:  # if this message were skipped, later ones would miss their reference
-                self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
+                self._joined, self._decoder = None, self._fresh_decoder()
             return []
         start = time.perf_counter()
         self.decoded = message
@@ -294,7 +297,7 @@ class Receiver:
         except Exception as error:  # an error in the decoder: only this message is lost
             logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
-            self._decoder = StreamDecoder(self._isolation.make_decoder)
+            self._decoder = self._fresh_decoder()
             self._want_key()
             return []
         self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))

@@ -27,6 +27,7 @@ from lidarcodec.apps.worker.frames import FrameReader, FrameWriter
 from lidarcodec.apps.worker.wire import MAX_TEXT, Channel, GarbledError, Head, Kind, error_bytes, message_parts
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.codecs.other_sensors import other_decoder, other_encoder
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -74,10 +75,12 @@ class Session:
                 table.load(str(given["codec"]))
         elif kind == Kind.OPEN_ENCODER:
             self._decoder = None
-            self._encoder = table.make_encoder(_settings(given), int(str(given["stream_id"])))
+            make = other_encoder if given["others"] else table.make_encoder
+            self._encoder = make(_settings(given), int(str(given["stream_id"])))
         elif kind == Kind.OPEN_DECODER:
             self._encoder = None
-            self._decoder = table.make_decoder(int(str(given["codec"])))
+            open_decoder = other_decoder if given["others"] else table.make_decoder
+            self._decoder = open_decoder(int(str(given["codec"])))
         else:
             return _opened(self._encoder).apply(_settings(given))
         return False

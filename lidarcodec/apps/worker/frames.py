@@ -5,6 +5,8 @@ sensor only if it differs from the previous frame's: name, convention, range ste
     arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second
            positions, as a POSITION section]
 
+Of another sensor than the HDL-64E a message of codec `raw` follows the head, in as many bytes as the head has packets.
+
 The reader checks everything, because an attacker may control the codec process. It checks counts before it allocates
 memory, and refuses invalid values (an azimuth of 36000, a bool that is neither 0 nor 1).
 """
@@ -19,10 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.apps.worker.wire import Buffer, Channel, GarbledError
+from lidarcodec.codecs.other_sensors import other_decoder, other_encoder
 from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, Origin, SensorModel
+from lidarcodec.settings import StreamSettings
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import (
     AZIMUTH_TURN,
@@ -34,10 +38,11 @@ from lidarcodec.units import (
     MAX_PACKETS,
     MAX_POSITIONS_BYTES,
 )
+from lidarcodec.wire import pack, unpack
 
 _HEAD: Final = struct.Struct("<qqIIIIIII")
 _SENSOR: Final = struct.Struct("<BBBd")
-_HAS_SENSOR, _HAS_SIDE, _HAS_KEEP, _HAS_POSE = 1, 2, 4, 8
+_HAS_SENSOR, _HAS_SIDE, _HAS_KEEP, _HAS_POSE, _IS_OTHER = 1, 2, 4, 8, 16
 _LIMITS: Final = {
     "columns": MAX_COLUMNS,
     "packets": MAX_PACKETS,
@@ -46,6 +51,9 @@ _LIMITS: Final = {
     "second returns": MAX_PACKETS * BLOCKS_PER_PACKET,
     "bytes of positions": 2 * MAX_POSITIONS_BYTES,
 }
+_MOST_BYTES: Final = 1 << 26
+"""Of a message: the largest frame has 5 Mi numbers of up to 4 bytes, and 32 MiB of odd packets."""
+_PLAIN: Final = StreamSettings(codec="raw")
 _CONVENTIONS: Final = get_args(Convention)
 _ORIGINS: Final = get_args(Origin)
 _TABLE: Final = (len(CALIBRATION_FIELDS), LASERS)
@@ -79,6 +87,8 @@ class FrameWriter:
 
         Raises SectionError for a frame that is too large.
         """
+        if not frame.sensor.is_hdl64e:
+            return _as_message(frame)
         side, sensor = frame.blocks, frame.sensor
         told = _identity(sensor)
         counts, positions = (0, 0, 0, 0, 0), b""
@@ -120,6 +130,8 @@ class FrameReader:
 
     def _take(self, channel: Channel, end: float | None) -> Frame:
         index, stamp_ns, width, flags, *counts = _HEAD.unpack(channel.take(_HEAD.size, end))
+        if flags & _IS_OTHER:
+            return _of_message(channel, counts[0], end, reduced=bool(flags & _HAS_KEEP))
         _checked((width, *counts))
         if flags & _HAS_SENSOR:
             self._sensor = self._take_sensor(channel, end)
@@ -178,6 +190,28 @@ class FrameReader:
         name = channel.take(name_bytes, end).decode()
         table = np.frombuffer(channel.take(_TABLE[0] * _TABLE[1] * 4, end), np.int32).reshape(_TABLE).copy()
         return SensorModel(name, Calibration(table), _ORIGINS[origin], _CONVENTIONS[convention], step_m)
+
+
+def _as_message(frame: Frame) -> list[Buffer]:
+    """The head, and a key message of codec `raw`. Returns that are not kept are none in it."""
+    (message,) = other_encoder(_PLAIN, 0).encode(frame, key=True)
+    data = pack(message)
+    if len(data) > _MOST_BYTES:
+        raise SectionError(f"a frame has {len(data)} bytes: at most {_MOST_BYTES} are allowed")
+    flags = _IS_OTHER | (_HAS_KEEP if frame.keep is not None else 0)
+    return [_HEAD.pack(frame.index, frame.stamp_ns, frame.width, flags, len(data), 0, 0, 0, 0), data]
+
+
+def _of_message(channel: Channel, size: int, end: float | None, *, reduced: bool) -> Frame:
+    if size > _MOST_BYTES:
+        raise GarbledError(f"a frame of {size} bytes")
+    message = unpack(channel.take(size, end))
+    if not message.planes:
+        raise GarbledError("a message of an HDL-64E, not of another sensor")
+    frames = other_decoder(message.codec).decode(message)
+    if len(frames) != 1:
+        raise GarbledError(f"a message of {len(frames)} frames, not one")
+    return frames[0].with_(keep=frames[0].range > 0) if reduced else frames[0]
 
 
 def _truths(array: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from lidarcodec.apps.worker.keeper import LIMIT_S, TICK_S, WorkerKeeper
 from lidarcodec.apps.worker.process import WorkerProcess
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.codecs.other_sensors import check_other, other_decoder, other_encoder, takes_others
 from lidarcodec.errors import LidarCodecError, SettingsError, WorkerError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -40,12 +41,13 @@ def isolate_of(given: str | None) -> Isolate:
 class IsolatedEncoder:
     """An encoder in the keeper's process. If the process ends, the settings are kept here."""
 
-    def __init__(self, keeper: WorkerKeeper, settings: StreamSettings, stream_id: int) -> None:
-        self._keeper, self._settings, self._stream_id = keeper, settings, stream_id
+    def __init__(self, keeper: WorkerKeeper, settings: StreamSettings, stream_id: int, *, others: bool = False) -> None:
+        """others: of frames of other sensors than the HDL-64E"""
+        self._keeper, self._settings, self._stream_id, self._others = keeper, settings, stream_id, others
 
     def open(self, process: WorkerProcess) -> None:
         """Start again in this process."""
-        process.open_encoder(self._settings, self._stream_id)
+        process.open_encoder(self._settings, self._stream_id, others=self._others)
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """As `Encoder.encode`. Raises WorkerError if the process fails; then the frame is lost."""
@@ -79,12 +81,13 @@ class IsolatedEncoder:
 class IsolatedDecoder:
     """A decoder in the keeper's process."""
 
-    def __init__(self, keeper: WorkerKeeper, codec: int) -> None:
-        self._keeper, self._codec = keeper, codec
+    def __init__(self, keeper: WorkerKeeper, codec: int, *, others: bool = False) -> None:
+        """others: of messages of other sensors than the HDL-64E"""
+        self._keeper, self._codec, self._others = keeper, codec, others
 
     def open(self, process: WorkerProcess) -> None:
         """Start again in this process."""
-        process.open_decoder(self._codec)
+        process.open_decoder(self._codec, others=self._others)
 
     def decode(self, message: Message) -> list[Frame]:
         """As `Decoder.decode`. Raises WorkerError if the process fails; then the message is lost."""
@@ -147,6 +150,23 @@ class Isolation:
             return table.make_decoder(number)
         self._keeper.start(codec)
         return IsolatedDecoder(self._keeper, number)
+
+    def make_other_encoder(self, settings: StreamSettings, stream_id: int) -> Encoder:
+        """As `other_sensors.other_encoder`."""
+        if not self.isolated(check_other(settings).codec):
+            return other_encoder(settings, stream_id)
+        table.check_installed(settings.codec)
+        self._keeper.codec = settings.codec
+        return IsolatedEncoder(self._keeper, settings, stream_id, others=True)
+
+    def make_other_decoder(self, number: int) -> Decoder:
+        """As `other_sensors.other_decoder`."""
+        codec = table.decodable(number)
+        self._wanted = takes_others(codec) and self.isolated(codec)
+        if not self._wanted:
+            return other_decoder(number)
+        self._keeper.start(codec)
+        return IsolatedDecoder(self._keeper, number, others=True)
 
     def start(self, codec: str) -> None:
         """Start a process for a codec that needs one. Does not wait."""

@@ -141,14 +141,14 @@ class WorkerProcess:
             self._ready = True
             return True
 
-    def open_encoder(self, settings: StreamSettings, stream_id: int) -> None:
-        """Make a new encoder, which replaces an open codec."""
-        given = {"settings": settings.model_dump(), "stream_id": str(stream_id)}
+    def open_encoder(self, settings: StreamSettings, stream_id: int, *, others: bool = False) -> None:
+        """Make a new encoder, which replaces an open codec. others: of frames of other sensors than the HDL-64E"""
+        given = {"settings": settings.model_dump(), "stream_id": str(stream_id), "others": others}
         self._ask(Kind.OPEN_ENCODER, [json.dumps(given).encode()], _done)
 
-    def open_decoder(self, codec: int) -> None:
-        """Make a new decoder, which replaces an open codec."""
-        self._ask(Kind.OPEN_DECODER, [json.dumps({"codec": codec}).encode()], _done)
+    def open_decoder(self, codec: int, *, others: bool = False) -> None:
+        """Make a new decoder, which replaces an open codec. others: as of `open_encoder`"""
+        self._ask(Kind.OPEN_DECODER, [json.dumps({"codec": codec, "others": others}).encode()], _done)
 
     def encode(self, frame: Frame, *, key: bool) -> list[Message]:
         """As `Encoder.encode`."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -42,8 +42,24 @@ def pack_group(frames: Sequence[Frame], layers: Layers) -> bytes:
     return b"".join(parts)
 
 
-def split_group(data: bytes, message: Message) -> tuple[list[Message], Layers, bytes]:
-    """For each frame of a message one as if it were alone, without a range; their layout; and what follows the head.
+class Group(NamedTuple):
+    """alone: for each frame of a message one as if it were alone; turn and starts: as of `Layers`
+
+    rest: what follows the head
+    """
+
+    alone: list[Message]
+    turn: int
+    starts: tuple[int, ...]
+    rest: bytes
+
+    def layers(self, widths: Sequence[int], lasers: int) -> Layers:
+        """The layout. widths: columns of each frame that are sent; lasers: rows of a frame. Raises SectionError."""
+        return Layers(self.turn, self.starts, tuple(widths), lasers)
+
+
+def split_group(data: bytes, message: Message) -> Group:
+    """The frames of a message, and where they lie. data: the section from the head on
 
     Raises SectionError.
     """
@@ -73,5 +89,4 @@ def split_group(data: bytes, message: Message) -> tuple[list[Message], Layers, b
                 frame_count=1,
             )
         )
-    widths, starts = tuple(one[2] for one in members), tuple(one[4] for one in members)
-    return alone, Layers(TURN.unpack_from(data)[0], starts, widths), data[size:]
+    return Group(alone, TURN.unpack_from(data)[0], tuple(one[4] for one in members), data[size:])

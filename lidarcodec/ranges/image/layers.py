@@ -43,11 +43,13 @@ class Layers:
     """Where the columns of a group lie.
 
     turn: columns of a turn; starts: position of each frame's first column; widths: columns of each frame
+    lasers: rows of a frame
     """
 
     turn: int
     starts: tuple[int, ...]
     widths: tuple[int, ...]
+    lasers: int = LASERS
 
     def __post_init__(self) -> None:
         end = 0
@@ -69,7 +71,7 @@ class Layers:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the image."""
-        return LASERS * self.height, whole_blocks(self.turn)
+        return self.lasers * self.height, whole_blocks(self.turn)
 
     @property
     def samples(self) -> int:
@@ -86,9 +88,9 @@ class Layers:
             at += count
 
     def spread(self, images: Sequence[npt.NDArray[Pixel]]) -> npt.NDArray[Pixel]:
-        """The image of the group's frames, (64, W) each; zeros where there is none."""
+        """The image of the group's frames, (H, W) each; zeros where there is none."""
         rows, width = self.shape
-        out = np.zeros((LASERS, self.height, width), images[0].dtype)
+        out = np.zeros((self.lasers, self.height, width), images[0].dtype)
         for frame, image in enumerate(images):
             for turn, column, at, count in self._runs(frame):
                 out[:, turn, column : column + count] = image[:, at : at + count]
@@ -96,28 +98,30 @@ class Layers:
 
     def gather(self, image: npt.NDArray[Pixel]) -> list[npt.NDArray[Pixel]]:
         """The frames out of an image of this shape."""
-        layers = image.reshape(LASERS, self.height, self.shape[1])
+        layers = image.reshape(self.lasers, self.height, self.shape[1])
         frames = []
         for frame, width in enumerate(self.widths):
-            out = np.zeros((LASERS, width), image.dtype)
+            out = np.zeros((self.lasers, width), image.dtype)
             for turn, column, at, count in self._runs(frame):
                 out[:, at : at + count] = layers[:, turn, column : column + count]
             frames.append(out)
         return frames
 
 
-def _one_row_each(widths: tuple[int, ...]) -> Layers:
+def _one_row_each(widths: tuple[int, ...], lasers: int) -> Layers:
     widest = max(widths)
-    return Layers(widest, tuple(frame * widest for frame in range(len(widths))), widths)
+    return Layers(widest, tuple(frame * widest for frame in range(len(widths))), widths, lasers)
 
 
-def group_fits(frames: int, widest: int) -> bool:
-    """Whether so many frames of at most that width can be one group."""
-    return LASERS * whole_blocks(frames) * whole_blocks(widest) <= MAX_SAMPLES
+def group_fits(frames: int, widest: int, lasers: int = LASERS) -> bool:
+    """Whether so many frames of at most that width can be one group. lasers: rows of a frame"""
+    return lasers * whole_blocks(frames) * whole_blocks(widest) <= MAX_SAMPLES
 
 
-def layers_of(azimuths: Sequence[npt.NDArray[np.uint16]]) -> Layers:
+def layers_of(azimuths: Sequence[npt.NDArray[np.uint16]], lasers: int = LASERS) -> Layers:
     """Layout of a group of frames with these azimuths, (W,) each, 0.01 degree. `group_fits` must hold.
+
+    lasers: rows of a frame
 
     Each frame begins at its first azimuth, so a faster turn or lost packets do not shift the frames after it.
     """
@@ -129,7 +133,7 @@ def layers_of(azimuths: Sequence[npt.NDArray[np.uint16]]) -> Layers:
         turns.append(-(-AZIMUTH_TURN * (len(azimuth) - 1) // travel) if travel > 0 else 0)
     turn = max(*turns, *widths)
     if not 0 < turn <= _LONGEST_TURN:
-        return _one_row_each(widths)
+        return _one_row_each(widths, lasers)
     starts = [0]
     for last, azimuth in pairwise(azimuths):
         end = starts[-1] + len(last)
@@ -142,5 +146,5 @@ def layers_of(azimuths: Sequence[npt.NDArray[np.uint16]]) -> Layers:
         starts.append(max(begin, end))
     end = starts[-1] + widths[-1]
     if whole_blocks(-(-end // turn)) > whole_blocks(len(widths)):
-        return _one_row_each(widths)
-    return Layers(turn, tuple(starts), widths)
+        return _one_row_each(widths, lasers)
+    return Layers(turn, tuple(starts), widths, lasers)

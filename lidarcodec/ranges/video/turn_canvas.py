@@ -11,7 +11,7 @@ it is noise) are not `anchored`: their columns lie in their order.
 >>> azimuth = np.arange(35900, 35990, 18, np.uint16).repeat(2).reshape(-1, 2).T
 >>> layout = TurnLayout.fitting(azimuth, np.ones((2, 5), np.bool_))
 >>> layout
-TurnLayout(columns=2016, bands=1, anchored=True)
+TurnLayout(columns=2016, bands=1, anchored=True, rows=64)
 >>> positions(layout, azimuth, np.ones((2, 5), np.bool_))[0].tolist()
 [2010, 2011, 2012, 2013, 2014]
 """
@@ -51,11 +51,15 @@ def _whole(count: int) -> int:
 
 @dataclass(frozen=True)
 class TurnLayout:
-    """columns: of a band, a multiple of 16; bands: of 64 rows; anchored: whether azimuths say where columns lie."""
+    """columns: of a band, a multiple of 16; bands: one below the other; anchored: whether azimuths place columns
+
+    rows: of the sensor; those of a band are the next multiple of 16
+    """
 
     columns: int
     bands: int
     anchored: bool
+    rows: int = LASERS
 
     def __post_init__(self) -> None:
         whole = self.columns > 0 and self.columns % MACROBLOCK == 0 and self.columns <= MAX_WIDTH
@@ -70,10 +74,10 @@ class TurnLayout:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the picture."""
-        return LASERS * self.bands, self.columns
+        return _whole(self.rows) * self.bands, self.columns
 
     @classmethod
-    def fitting(cls, azimuth: npt.NDArray[np.uint16], fired: Mask) -> TurnLayout:
+    def fitting(cls, azimuth: npt.NDArray[np.uint16], fired: Mask, rows: int = LASERS) -> TurnLayout:
         """The layout for a stream that begins with this frame. azimuth: (2, W), 0.01 degree; fired: (2, W) bool."""
         turn = max(_turn_of(azimuth[half][fired[half]]) for half in range(2))
         columns = _whole(turn + turn // _SPARE + 1)
@@ -81,10 +85,10 @@ class TurnLayout:
             longest = max(_length(columns, azimuth[half][fired[half]]) for half in range(2))
             bands = -(-longest // columns)
             if bands <= MAX_BANDS and columns * bands <= MAX_PLACES:
-                return cls(columns, bands, anchored=True)
+                return cls(columns, bands, anchored=True, rows=rows)
         width = max(azimuth.shape[1], 1)
         bands = -(-width // MAX_WIDTH)
-        return cls(_whole(-(-width // bands)), bands, anchored=False)
+        return cls(_whole(-(-width // bands)), bands, anchored=False, rows=rows)
 
     def holds(self, azimuth: npt.NDArray[np.uint16], fired: Mask) -> bool:
         """Whether a frame has room. azimuth: (2, W), 0.01 degree; fired: (2, W) bool."""
@@ -151,3 +155,15 @@ def cells(layout: TurnLayout, places: Places, sensor: SensorModel, valid: Mask) 
         place = band * (LASERS * layout.columns) + column
     place += (np.arange(LASERS, dtype=np.int32) * layout.columns)[:, None]
     return place[valid].astype(np.intp, copy=False)
+
+
+def aligned_cells(
+    layout: TurnLayout, places: Places, shift: npt.NDArray[np.int32], known: Mask
+) -> npt.NDArray[np.intp]:
+    """The same for a sensor whose columns have one azimuth. places: (W,); shift: (H,), columns a row moves by."""
+    rows = len(shift)
+    place = places + shift.astype(np.int64)[:, None] * layout.anchored
+    band, column = np.divmod(place % layout.places, layout.columns)
+    cell = (band * (layout.shape[0] // layout.bands) + np.arange(rows)[:, None]) * layout.columns + column
+    found: npt.NDArray[np.intp] = cell[known].astype(np.intp, copy=False)
+    return found

@@ -22,23 +22,16 @@ bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec ==
 
 void check_codec(const Message& message, const Outside& outside) {
   const Codec codec = message.codec;
-  if (message.planes) {
-    if (codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || expects_ranges(codec)) return;
-    const std::string name = name_of(codec);
-    throw Error(ErrorCode::Version,
-                "codec " + (name.empty() ? std::to_string(static_cast<unsigned>(codec)) : name) +
-                    " does not write frames of this sensor",
-                12);
-  }
-  if (outside.reads_ranges(codec)) return;
+  const bool whole = codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || expects_ranges(codec);
+  if (message.planes ? whole : outside.reads_ranges(codec)) return;
   const std::string name = name_of(codec);
   if (name.empty())
     throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)),
                 12);
-  const bool is_picture = codec == Codec::Png;
+  const bool is_picture = codec == Codec::Png && !message.planes;
   if (is_picture && !outside.opens_pictures(codec))
     throw Error(ErrorCode::Version, "codec " + name + " needs a decoder of pictures, and none was given", 12);
-  if (!is_picture && codec != Codec::Raw && codec != Codec::Zstd && codec != Codec::Pcodec && !expects_ranges(codec))
+  if (!is_picture && (message.planes || !whole))
     throw Error(ErrorCode::Version, "codec " + name + " is not decoded here", 12);
 }
 
