@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lidarcodec.pipeline import StreamEncoder, frames_of
+from lidarcodec.sensors.models.table import block_sensors
+from lidarcodec.sensors.models.velodyne_packet import VelodyneSensor
 from lidarcodec.settings import StreamSettings
+from lidarcodec.wire import pack
+from tests.codecs.test_other_sensors import FILES, opened
 from tests.conftest import ROOT
 from tests.server.live import running
+from tests.sweeps import sampled
 
 CLIENT = ROOT / "clients" / "typescript"
 
@@ -35,6 +43,43 @@ def test_it_agrees_with_the_vectors_and_survives_hostile_bytes(built):
     result = subprocess.run(words, cwd=CLIENT, capture_output=True, text=True, check=False, timeout=300)
     assert result.returncode == 0, result.stdout[-4000:]
     assert int(re.search(r"^# pass (\d+)", result.stdout, re.M)[1]) >= 15
+
+
+EVERY_POINT = """
+import { Decoder, imagePointsOf } from "%s/src/index.js";
+import { readFileSync, writeFileSync } from "node:fs";
+const decoder = await Decoder.create();
+const points = imagePointsOf(decoder.decode(new Uint8Array(readFileSync("message"))), true);
+writeFileSync("points", new Uint8Array(points.xyz.buffer));
+"""
+
+
+@pytest.mark.parametrize("capture", sampled([name for name in FILES if "767798045" not in name], ["vls128"]))
+def test_every_point_of_a_capture_is_that_of_the_python_package(built, tmp_path, capture):
+    sensor, packets = opened(FILES[capture])
+    frame = next(iter(frames_of(packets, sensor)))
+    (message,) = StreamEncoder(StreamSettings(codec="zstd"), 1).encode(frame)
+    (tmp_path / "message").write_bytes(pack(message))
+    (tmp_path / "run.mjs").write_text(EVERY_POINT % built.as_uri())
+    subprocess.run(["node", "run.mjs"], cwd=tmp_path, check=True, timeout=60)
+    cloud = frame.cloud("all")
+    came = np.fromfile(tmp_path / "points", "<f4").reshape(-1, 3)
+    for axis, name in enumerate("xyz"):
+        np.testing.assert_allclose(came[:, axis], cloud[name], rtol=0, atol=1e-4)
+
+
+def test_its_models_are_those_of_the_python_package():
+    text = (CLIENT / "src" / "other" / "models.ts").read_text()
+    found = re.findall(r"^  (\w+): \{\n    rows: \[\n([\d,\s]+)\],\n    firing: (.*),$", text, re.M)
+    models = {name: ([int(one) for one in re.findall(r"\d+", rows)], firing) for name, rows, firing in found}
+    assert models.keys() == {sensor.name for sensor in block_sensors()}
+    for sensor in block_sensors():
+        rows, firing = models[sensor.name]
+        assert rows == sensor.channel_of_row.tolist()
+        if isinstance(sensor, VelodyneSensor):
+            assert json.loads(firing) == [sensor.cycle_us, sensor.shot_us, sensor.together]
+        else:
+            assert firing == "null"
 
 
 def test_the_example_prints_the_points_of_a_live_stream(built, tmp_path):

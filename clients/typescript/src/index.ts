@@ -6,6 +6,7 @@ export { filled } from "./filling.js";
 export { Codec, Section, readMessage, type Message } from "./message.js";
 export type { DescribedSensor } from "./other/calibration.js";
 export { type ImageFrame, isImageFrame } from "./other/frame.js";
+export { imagePointsOf, type ImagePoints } from "./other/points.js";
 export type { Plane } from "./other/planes.js";
 export type { Rest } from "./other/rest.js";
 export { pointsOf, type Points } from "./points.js";

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Decoder, DecodeError, type Frame, type ImageFrame, filled, isImageFrame, pointsOf } from "../src/index.js";
+import { Decoder, DecodeError, type Frame, type ImageFrame, filled, imagePointsOf, isImageFrame, pointsOf } from "../src/index.js";
 import { type Expected, type ExpectedOther, digest, otherVectors, vectors } from "./vectors.js";
 
 function check(frame: Frame | ImageFrame, expected: Expected): void {
@@ -87,6 +87,16 @@ function checkOther(frame: Frame | ImageFrame, expected: ExpectedOther): void {
     },
     wanted,
   );
+  const points = imagePointsOf(frame, true);
+  assert.equal(points.count, expected.cloud);
+  const shown = points.count ? [0, points.count >> 1, points.count - 1] : [];
+  shown.forEach((at, i) => {
+    const [x, y, z, intensity, ring, returnNumber] = expected.points[i]!;
+    for (const [axis, metres] of [x, y, z].entries())
+      assert.ok(Math.abs(points.xyz[3 * at + axis]! - Number(metres)) < 1.1e-4, `point ${at}: ${points.xyz[3 * at + axis]}, ${metres}`);
+    assert.deepEqual([points.ring[at], points.returnNumber[at]], [ring, returnNumber]);
+    assert.equal(points.fields.get("intensity")?.[at] ?? 0, intensity);
+  });
 }
 
 for (const { name, messages, expected } of otherVectors(/^(raw|zstd)/))

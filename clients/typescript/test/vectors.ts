@@ -49,6 +49,10 @@ export interface ExpectedOther {
   odd: number[];
   series: Record<string, string>;
   pose: number[] | null;
+  /** x, y, z, intensity, ring, number of the return, and its time, of the first, middle and last point. */
+  points: [number, number, number, number, number, number, string][];
+  /** Points of both returns. */
+  cloud: number;
   shown: { range: string; intensity: string; range_step_m: number; rings: number[][] | null };
 }
 
