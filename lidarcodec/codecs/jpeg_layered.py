@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.history import MaskHistory
 from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.planes.intensity import Quality
+from lidarcodec.planes.plane_section import read_head
 from lidarcodec.planes.sections import encode_planes
 from lidarcodec.ranges.image.group_head import pack_group, packets_in, split_group
 from lidarcodec.ranges.image.jpeg_file import read_jpeg
@@ -47,6 +48,8 @@ from lidarcodec.units import LASERS
 Mask = npt.NDArray[np.bool_]
 
 MAX_GROUP = 32
+MAX_NUMBERS: Final = 1 << 26
+"""Numbers of all planes of a group of other sensors, at most: they are decoded before the picture."""
 
 
 class LayeredSettings(JpegSettings):
@@ -70,6 +73,8 @@ class _Member:
     ranges: npt.NDArray[np.unsignedinteger]
     azimuth: npt.NDArray[np.uint16]
     bits: int = 16
+    numbers: int = 0
+    """Of all planes, of another sensor than an HDL-64E."""
 
 
 class LayeredEncoder:
@@ -110,6 +115,8 @@ class LayeredEncoder:
         if self._members and (key or self._ends_before(frame)):
             self._close()
         member = other_member(frame, self._settings.stream) if self._others else self._member(frame)
+        if self._members and sum(one.numbers for one in self._members) + member.numbers > MAX_NUMBERS:
+            self._close()
         if not self._members:
             sensor = (frame.sensor.hash, frame.sensor.convention)
             self._key = key or sensor != self._sensor or self._key_is_due()
@@ -251,12 +258,21 @@ def other_member(frame: Frame, stream: StreamSettings) -> _Member:
     coded = coded_images(frame, found[1], stream, exact=False)
     sections = frame_sections(frame, [Section(SectionType.PLANES, coded.planes)])
     cells = coded.cells
-    return _Member(frame, sections, cells.known, coded.numbers, cells.azimuth, cells.bits)
+    numbers = frame.range.size * len(found[1].planes)
+    return _Member(frame, sections, cells.known, coded.numbers, cells.azimuth, cells.bits, numbers)
 
 
 def scale_of(bits: int, step_m: float) -> Scale:
     """The scale of ranges of so many bits, of a sensor with that range step."""
     return Scale.of((1 << bits) - 1, step_m)
+
+
+def _numbers_of(message: Message) -> int:
+    """Numbers of the planes of a frame, before they are decoded. Raises SectionError or TruncatedError."""
+    if not message.has(SectionType.PLANES):
+        return 0
+    head = read_head(message.section(SectionType.PLANES))
+    return head.rows * message.width * len(head.forms)
 
 
 class OtherLayeredDecoder:
@@ -278,6 +294,9 @@ class OtherLayeredDecoder:
         group = split_group(data, message)
         if step != 1:
             raise SectionError(f"a group of frames with a range step of {step}")
+        numbers = sum(_numbers_of(one) for one in group.alone)
+        if numbers > MAX_NUMBERS:
+            raise SectionError(f"a group of {numbers} numbers in planes: {MAX_NUMBERS} are possible")
         calibration = Section(SectionType.CALIBRATION, message.section(SectionType.CALIBRATION))
         frames: list[Frame] = []
         for number, one in enumerate(group.alone):

@@ -247,3 +247,20 @@ def test_decoders_that_open_no_pictures_refuse_them_by_name(codec: str) -> None:
     with pytest.raises(UnsupportedVersionError, match=f"codec {codec}"):
         session.decode_images(message)
     assert message.has(SectionType.PLANES)
+
+
+@pytest.mark.parametrize("most", [1, 40_000])
+def test_a_group_has_no_more_numbers_than_a_decoder_takes(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    if "jpeg-layered" not in PICTURES:
+        pytest.skip("jpeg-layered is not installed")
+    frames = [framed("vlp16", 6).with_(index=at) for at in range(3)]
+    whole = there_and_back(frames, "jpeg-layered", codec_settings={"group": 3})[0][1]
+    monkeypatch.setattr("lidarcodec.codecs.jpeg_layered.MAX_NUMBERS", most)
+    settings = settings_from({"codec": "jpeg-layered", "codec_settings": {"group": 3}})
+    encoder = StreamEncoder(settings, 7)
+    counts = [one.frame_count for frame in frames for one in encoder.encode(frame)]
+    assert sum(counts + [one.frame_count for one in encoder.flush()]) == 3
+    if most == 1:
+        assert set(counts) == {1}
+        with pytest.raises(DecodeError, match="1 are possible"):
+            StreamDecoder().decode(whole)
