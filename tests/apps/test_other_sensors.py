@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import random
 import socket
 import threading
 import time
@@ -20,8 +21,10 @@ from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
+from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.test_udp_out import Driver
+from tests.codecs.test_other_sensors import FILES, disturbed, opened
 from tests.command_line import run, start, the_one_line
 from tests.sensors.captures import CAPTURES
 from tests.sweeps import sampled
@@ -81,6 +84,32 @@ def test_every_payload_of_a_capture_arrives(data_file, name, codec):
         assert received == sent_by(path)
         assert car.status()["errors"] == stream.summary()["errors"] == {}
         assert car.status()["sensor_model"]["model"] == source.sensor.model != "hdl64e"
+
+
+class BadLine(PacketSource):
+    """A capture whose packets are cut, doubled, shuffled and mixed with others."""
+
+    def __init__(self, name):
+        sensor, packets = opened(FILES[name])
+        super().__init__(sensor)
+        self.sent = disturbed(packets, random.Random(name))
+
+    def packets(self):
+        yield from self.sent
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", sampled(FILES, ["pandar40p"]))
+@pytest.mark.parametrize("codec", sampled(["pcodec", "jxl", "riddle"], ["pcodec"]))
+def test_every_payload_of_a_bad_line_arrives(name, codec):
+    network, source = MemoryNetwork(), BadLine(name)
+    with (
+        subscribe(newest=False, until_end=True, transport=network.transport()) as stream,
+        Publisher(source, lidarcodec.StreamSettings(codec=codec), rate="max", transport=network.transport()) as car,
+    ):
+        received = [(packet.payload, packet.position) for frame in stream for packet in packets_of(frame)]
+        assert received == [(packet.payload, packet.position) for packet in source.sent]
+        assert car.status()["errors"] == stream.summary()["errors"] == {}
 
 
 @pytest.mark.data
