@@ -1,6 +1,7 @@
 """What the page costs the browser: main thread, pictures, memory, and how soon the first picture is there.
 
-python -m benchmarks.page [--source sim:city] [--seconds 30] [--memory-minutes 5] [--compare] [--window 1280x720]
+python -m benchmarks.page [--source sim:city] [--seconds 30] [--memory-minutes 5] [--compare] [--streams 4]
+       [--window 1280x720]
 
 Vehicle and server as processes, the page in a headless Chromium that draws in software (SwiftShader), because there is
 no graphics card here: pictures a second and their age are those of a processor that draws, and say nothing of a laptop.
@@ -14,6 +15,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import statistics
@@ -47,6 +49,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--memory-minutes", type=float, default=0.0)
     parser.add_argument("--compare", action="store_true")
+    parser.add_argument("--streams", type=int, default=1, help="streams of the vehicle in one picture, with a box")
     parser.add_argument("--window", default="1280x720")
     options = parser.parse_args()
     from playwright.sync_api import sync_playwright
@@ -55,7 +58,7 @@ def main() -> None:
     if program is None:
         raise SystemExit("needs chromium")
     wide, high = (int(part) for part in options.window.split("x"))
-    with _system(options.source) as url, sync_playwright() as playwright:
+    with _system(options.source, options.streams) as url, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
         page = browser.new_page(viewport={"width": wide, "height": high})
         begun = time.monotonic()
@@ -63,6 +66,8 @@ def main() -> None:
         first_s = _until(lambda: "points" in page.title()) - begun
         if options.compare:
             page.get_by_label("Compare").check()
+        if options.streams > 1:
+            _together(page, options.streams)
         page.wait_for_timeout(5000)
         session = page.context.new_cdp_session(page)
         print(f"first picture         {first_s:.2f} s after the page was asked for")
@@ -86,7 +91,7 @@ def measure(page: Any, session: Any, seconds: float) -> dict[str, Any]:
     session.send(
         "Tracing.start", {"transferMode": "ReportEvents", "traceConfig": {"includedCategories": CATEGORIES.split(",")}}
     )
-    frames, drawn, ages = _watch(page, seconds)
+    shown, ages = _watch(page, seconds)
     session.send("Tracing.end")
     _until(lambda: bool(done) or page.wait_for_timeout(50))
     thread = next(
@@ -100,9 +105,10 @@ def measure(page: Any, session: Any, seconds: float) -> dict[str, Any]:
     own_script = [one for one in script if _of_the_view(one)]
     return {
         "view_cpu_ms": sum(one.get("tdur", 0) for one in own_script) / 1000,
-        "frames": frames,
+        "frames": shown["frames"],
+        "clouds": shown["clouds"],
         "seconds": seconds,
-        "drawn": drawn,
+        "drawn": shown["pictures"],
         "ages": ages,
         "script_ms": sum(one["dur"] for one in script) / 1000,
         "script_cpu_ms": sum(one.get("tdur", 0) for one in script) / 1000,
@@ -124,12 +130,13 @@ def report(what: str, found: dict[str, Any]) -> None:
     long = sum(one > LONG_MS for one in found["tasks"])
     long_cpu = sum(one > LONG_MS for one in found["tasks_cpu"])
     age = f"{statistics.median(found['ages']):.0f} ms" if found["ages"] else "-"
-    view = found["view_cpu_ms"] / frames
+    view = found["view_cpu_ms"] / max(found["clouds"], 1)
     rest = (found["script_cpu_ms"] - found["view_cpu_ms"]) / found["seconds"]
     tasks = found["task_cpu_ms"] / found["seconds"] / 10
     longest = f"{found['tasks_cpu'][-1]:.1f} ms of processor, {found['tasks'][-1]:.1f} ms on the clock"
     lines = [
-        f"clouds              {found['frames']} in {found['seconds']:.0f} s; age when shown, median: {age}",
+        f"clouds              {found['clouds']} in {found['seconds']:.0f} s, {frames} of the chosen stream; "
+        f"age when shown, median: {age}",
         f"pictures            {found['drawn'] / found['seconds']:.1f} a second, drawn in software",
         f"script              {view + rest / 10:.2f} ms of processor a cloud at 10 Hz: {view:.2f} for its picture,",
         f"                    and a tenth of {rest:.1f} a second for the rest of the page",
@@ -165,8 +172,8 @@ def _told(page: Any) -> dict[str, float]:
     return dict(json.loads(page.locator("canvas.lidar-canvas").get_attribute("data-told")))
 
 
-def _watch(page: Any, seconds: float) -> tuple[int, int, list[float]]:
-    """Frames shown, pictures drawn, ages: looked at from outside, four times a second."""
+def _watch(page: Any, seconds: float) -> tuple[dict[str, int], list[float]]:
+    """Frames of the chosen stream, clouds of all, pictures, and ages: looked at from outside, four times a second."""
     first = now = _told(page)
     ages, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
@@ -174,7 +181,8 @@ def _watch(page: Any, seconds: float) -> tuple[int, int, list[float]]:
         now = _told(page)
         if now["age"] is not None:
             ages.append(now["age"])
-    return int(now["frames"] - first["frames"]), int(now["pictures"] - first["pictures"]), ages
+    shown = {name: int(now[name] - first[name]) for name in ("frames", "clouds", "pictures")}
+    return shown, ages
 
 
 def _outermost(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -207,9 +215,21 @@ def _until(holds: Any, limit_s: float = 120.0) -> float:
     return time.monotonic()
 
 
+def _together(page: Any, streams: int) -> None:
+    """Show all streams of the vehicle in one picture, each in its colour, with a box that counts."""
+    page.locator("summary", has_text="Streams").click()
+    for number in range(1, streams):
+        page.get_by_label(f"vehicle/lidar{number}").check()
+    page.get_by_label("Colour").select_option("stream")
+    page.locator("summary", has_text="Box").click()
+    page.get_by_label("Draw only what is in the box").check()
+    legend = page.locator(".lidar-streams")
+    _until(lambda: page.wait_for_timeout(100) or len(re.findall(r"  [1-9][0-9,]{3,}", legend.inner_text())) == streams)
+
+
 @contextlib.contextmanager
-def _system(source: str) -> Iterator[str]:
-    """A server and a vehicle; the address of the page."""
+def _system(source: str, streams: int = 1) -> Iterator[str]:
+    """A server and a vehicle with so many sensors, which sit apart; the address of the page."""
     here = dict(os.environ, LIDARCODEC_LOOPBACK_PORT=str(free_port()))
     port = free_port()
     command = [sys.executable, "-m", "lidarcodec.cli"]
@@ -218,18 +238,22 @@ def _system(source: str) -> Iterator[str]:
         vehicle = [*command, "publish", source, "--original", "--set", f"framing={FRAMING}"]
         if source.startswith("sim:"):
             vehicle += ["--poses", "source"]
-        for words in (server, vehicle):
+        others = [
+            [*vehicle, "--sensor", f"lidar{number}", "--mount", f"{number},0,0,0,0,{90 * number % 360}"]
+            for number in range(1, streams)
+        ]
+        for words in (server, vehicle, *others):
             process = subprocess.Popen(words, env=here, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             ends.callback(process.wait)
             ends.callback(process.send_signal, signal.SIGTERM)
         url = f"http://127.0.0.1:{port}"
-        _until(lambda: _alive(url))
+        _until(lambda: _alive(url, streams))
         yield url
 
 
-def _alive(url: str) -> bool:
+def _alive(url: str, streams: int) -> bool:
     try:
-        return any(one["alive"] for one in httpx.get(f"{url}/api/v1/streams", timeout=5).json())
+        return sum(one["alive"] for one in httpx.get(f"{url}/api/v1/streams", timeout=5).json()) >= streams
     except httpx.HTTPError:
         return False
 

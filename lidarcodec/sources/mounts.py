@@ -12,7 +12,7 @@ from typing import Final
 
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import SettingsError
-from lidarcodec.mounting import Mounting
+from lidarcodec.mounting import NAMES, Mounting
 from lidarcodec.settings import is_name
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
@@ -62,7 +62,7 @@ def mount_of(text: str, sensor: str | None = None) -> Mounting:
     sensor: the name of the sensor in the file, if the text has none; a file with a single sensor needs no name
     Raises SettingsError.
     """
-    if text.count(",") == 5 and not Path(text).exists():
+    if text.count(",") == len(NAMES) - 1:
         return Mounting.parse(text)
     name, _, chosen = text.rpartition("#") if "#" in text else (text, "", "")
     path = Path(name)
@@ -85,7 +85,8 @@ def read_mounts(path: Path) -> dict[str, Mounting]:
     try:
         values = read_yaml(read_file(path, "config"))
     except OSError as error:
-        hint = "" if path.exists() else "; a mounting is a file, or X,Y,Z,ROLL,PITCH,YAW in metres and degrees"
+        missing = isinstance(error, FileNotFoundError)
+        hint = "" if not missing else "; a mounting is a file, or X,Y,Z,ROLL,PITCH,YAW in metres and degrees"
         raise SettingsError(f"cannot read mountings from {path}: {error.strerror or error}{hint}", "mount") from None
     except (FileTooLargeError, YamlRefusedError) as error:
         raise SettingsError(f"cannot read mountings from {path}: {error}", "mount") from None

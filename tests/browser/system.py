@@ -53,11 +53,25 @@ class System:
             rate = ["--rate", str(RATE_HZ)]
             self._vehicles[name] = self._start("publish", source, "--vehicle", name, *rate, "--original")
 
+    def start_sensors(self, name: str, sensors: str) -> None:
+        """Start a vehicle with several sensors, if it does not drive already. sensors: YAML, a line each"""
+        if name not in self._vehicles:
+            path = self.folder / f"{name}.yaml"
+            path.write_text(f"vehicle: {name}\nsensors:\n{sensors}")
+            self._vehicles[name] = self._start("publish", "--config", str(path))
+
     def kill_vehicle(self, name: str = "car-7") -> None:
         """End a vehicle as a power cut would."""
         process = self._vehicles.pop(name)
         process.kill()
         process.wait(LIMIT_S)
+
+    def end_vehicle(self, name: str) -> None:
+        """End a vehicle as a signal would, and wait until the server has seen it go."""
+        _end(self._vehicles.pop(name))
+        assert eventually(
+            lambda: not any(one["alive"] for one in self.get("streams") if one["vehicle"] == name), LIMIT_S
+        )
 
     def token(self, name: str, role: str) -> str:
         """A new token, which the server knows by now: it looks for new ones once a second."""

@@ -6,6 +6,7 @@ import { added, keyOf, lacks, type Minutes } from "./model/minute";
 import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
 import type { Codec, FleetRow, Link, Schema, Session, Stream, TargetWarning } from "./model/wire";
+import { readHash } from "./scene/address";
 import type { StreamName, ViewStats } from "./view";
 import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
 
@@ -215,8 +216,7 @@ export function refreshFleet(): void {
 }
 
 function fromHash(): string | null {
-  const found = /^#\/([\w.-]{1,64})\/([\w.-]{1,64})$/.exec(location.hash);
-  return found ? `${found[1]}/${found[2]}` : null;
+  return readHash(location.hash).key;
 }
 
 window.addEventListener("hashchange", () => {
@@ -227,7 +227,7 @@ window.addEventListener("hashchange", () => {
 function kept(): ViewOptions {
   try {
     const found = JSON.parse(localStorage.getItem(OPTIONS) ?? "{}") as Partial<ViewOptions>;
-    return { ...DEFAULT_OPTIONS, ...found };
+    return { ...DEFAULT_OPTIONS, ...found, box: null, beside: [], mount: null };
   } catch {
     return DEFAULT_OPTIONS;
   }

@@ -2,19 +2,32 @@
 import type { ViewStats } from "../view";
 import { count } from "./format";
 
-type Told = Pick<ViewStats, "points" | "madeUp" | "frameIndex">;
+type Told = Pick<ViewStats, "points" | "madeUp" | "frameIndex" | "inBox" | "allPoints">;
 
-/** notice: why the picture is not live; empty if it is. stampMs: of the frame, milliseconds since 1970 */
-export function captionOf(stream: string, told: Told, codec: string | null, stampMs: number, notice: string): string {
-  const parts = [stream, new Date(stampMs).toISOString().replace("T", " "), `frame ${told.frameIndex ?? "–"}`];
+/** notice: why the picture is not live; empty if it is. stampMs: of the frame, milliseconds since 1970. beside: the other
+ * streams in the picture */
+export function captionOf(
+  stream: string,
+  told: Told,
+  codec: string | null,
+  stampMs: number,
+  notice: string,
+  beside: readonly string[] = [],
+): string {
+  const parts = [
+    beside.length > 0 ? `${stream} with ${beside.join(", ")}` : stream,
+    new Date(stampMs).toISOString().replace("T", " "),
+    `frame ${told.frameIndex ?? "–"}`,
+  ];
   if (codec) parts.push(codec);
   parts.push(`${count(told.points)} points measured`);
   if (told.madeUp > 0) parts.push(`${count(told.madeUp)} filled in`);
+  if (told.inBox !== null) parts.push(`box: ${count(told.inBox)} of ${count(told.allPoints)} points`);
   if (notice) parts.push(notice);
   return parts.join(" · ");
 }
 
-/** The name of the file of a saved picture. */
-export function pictureName(stream: string, frameIndex: number | null): string {
-  return `${stream.replace("/", "_")}_${frameIndex ?? 0}.png`;
+/** The name of the file of a saved picture or clip. */
+export function pictureName(stream: string, frameIndex: number | null, ending = "png"): string {
+  return `${stream.replace("/", "_")}_${frameIndex ?? 0}.${ending}`;
 }

@@ -1,4 +1,5 @@
 /** What the server answers, as far as the page uses it (docs/openapi.json). */
+import type { Mount } from "../view";
 
 export type Role = "viewer" | "operator";
 
@@ -59,6 +60,8 @@ export interface Stream {
   sensor: string;
   alive: boolean;
   settings: Settings | null;
+  /** Where the sensor sits on its vehicle; null if the stream does not say. */
+  mount: Mount | null;
   warnings: TargetWarning[];
   status: {
     /** In force; another one than in the settings where those say `auto`, and why it is that one. */

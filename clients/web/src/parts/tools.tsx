@@ -1,8 +1,6 @@
+import { CAMERAS, COLOURS } from "../scene/views";
 import type { Camera, Colour, ViewOptions } from "../view";
 import { Button } from "./button";
-
-const COLOURS: Colour[] = ["height", "intensity", "distance", "ring"];
-const CAMERAS: Camera[] = ["orbit", "follow"];
 
 /** The options of the view. */
 export function ViewTools({
@@ -12,6 +10,8 @@ export function ViewTools({
   fillGaps,
   setFillGaps,
   savePicture,
+  filming,
+  film,
 }: {
   options: ViewOptions;
   maps: string[];
@@ -19,6 +19,10 @@ export function ViewTools({
   fillGaps: boolean;
   setFillGaps: (on: boolean) => void;
   savePicture: () => void;
+  /** Seconds of the clip that is recorded now; null without one. */
+  filming: number | null;
+  /** Begin or end a clip; null where the browser makes none. */
+  film: (() => void) | null;
 }) {
   return (
     <fieldset class="tools" aria-label="View options">
@@ -79,6 +83,11 @@ export function ViewTools({
       <Button look="small" press={savePicture}>
         Save picture
       </Button>
+      {film && (
+        <Button look={`small ${filming === null ? "" : "on"}`} pressed={filming !== null} press={film}>
+          {filming === null ? "Record clip" : `Save clip (${filming} s)`}
+        </Button>
+      )}
     </fieldset>
   );
 }

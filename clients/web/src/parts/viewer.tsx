@@ -1,9 +1,11 @@
+import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { captionOf, pictureName } from "../model/caption";
 import { count, ms } from "../model/format";
 import { noticeOf } from "../model/notice";
 import { saveAs } from "../model/saving";
 import { titleOf } from "../model/title";
+import { beside, besideKeys, box, mount, wantedStand, watchMounts } from "../scene/state";
 import {
   chosen,
   chosenRow,
@@ -19,9 +21,10 @@ import {
   token,
   watchStream,
 } from "../state";
-import { createView, type View, type ViewStats } from "../view";
+import { createView, type Film, filmType, LONGEST_S, type View, type ViewStats } from "../view";
 import { Missed } from "./missed";
 import { Playback } from "./playback";
+import { SceneTools } from "./scene";
 import { ViewTools } from "./tools";
 
 /** The chosen stream, live: the view, its tools and its figures. */
@@ -54,16 +57,52 @@ export function Viewer() {
   useEffect(() => (key !== null && known ? watchStream(key) : undefined), [key, known]);
 
   useEffect(() => {
-    view.current?.set(optionsInForce.value);
-  }, [optionsInForce.value]);
+    const scene = { box: box.value, beside: beside.value, mount: mount.value };
+    view.current?.set({ ...optionsInForce.value, ...scene });
+  }, [optionsInForce.value, box.value, beside.value, mount.value]);
+
+  useEffect(() => {
+    if (wantedStand.value) view.current?.goTo(wantedStand.value);
+    wantedStand.value = null;
+  }, [wantedStand.value]);
+
+  useEffect(() => watchMounts(besideKeys.value), [besideKeys.value]);
+
+  /** What stands below pictures of the stream: as it is when one is made. */
+  function caption(stampMs: number): string {
+    const told = stats.value;
+    if (key === null || told === null) return "";
+    const [, notice] = noticeOf(told, key, rows.value, chosenRow.value);
+    const others = beside.value.map(({ name }) => `${name.vehicle}/${name.sensor}`);
+    return captionOf(key, told, chosenRow.value?.codec ?? null, stampMs, notice, others);
+  }
 
   async function savePicture() {
-    const told = stats.value;
-    if (key === null || told === null) return;
-    const [, notice] = noticeOf(told, key, rows.value, chosenRow.value);
-    const codec = chosenRow.value?.codec ?? null;
-    const picture = await view.current?.picture((stampMs) => captionOf(key, told, codec, stampMs, notice));
-    if (picture) saveAs(picture, pictureName(key, told.frameIndex));
+    const index = stats.value?.frameIndex ?? null;
+    const picture = await view.current?.picture(caption);
+    if (picture && key !== null) saveAs(picture, pictureName(key, index));
+  }
+
+  const filming = useSignal<number | null>(null);
+  const film = useRef<Film | null>(null);
+
+  async function makeFilm() {
+    if (film.current) {
+      film.current.stop();
+      return;
+    }
+    const index = stats.value?.frameIndex ?? null;
+    const made = view.current?.film(caption) ?? null;
+    if (!made || key === null) return;
+    film.current = made;
+    filming.value = 0;
+    const clock = window.setInterval(() => {
+      filming.value = Math.min((filming.value ?? 0) + 1, LONGEST_S);
+    }, 1000);
+    const clip = await made.done;
+    window.clearInterval(clock);
+    film.current = filming.value = null;
+    if (clip) saveAs(clip, pictureName(key, index, "webm"));
   }
 
   return (
@@ -75,7 +114,10 @@ export function Viewer() {
         fillGaps={fillGaps.value}
         setFillGaps={setFillGaps}
         savePicture={() => void savePicture()}
+        filming={filming.value}
+        film={filmType() ? () => void makeFilm() : null}
       />
+      <SceneTools stand={() => view.current?.stand() ?? null} />
       <Missed />
       <div class="stage">
         <div class="host" ref={host} />
@@ -108,6 +150,11 @@ function Footer({ told }: { told: ViewStats | null }) {
       <span>
         {told?.points ? count(told.points) : "–"} <i>points</i>
       </span>
+      {told && told.inBox !== null && (
+        <span>
+          {count(told.inBox)} <i>of</i> {count(told.allPoints)} <i>in the box</i>
+        </span>
+      )}
       {told && told.madeUp > 0 && (
         <span>
           {count(told.madeUp)} <i>filled in</i>

@@ -4,6 +4,11 @@ import type { View, ViewOptions } from "./types";
 import "./view.css";
 
 export type { Comparison } from "./compare";
+export type { Stand } from "./draw/camera";
+export { type Film, filmType, LONGEST_S } from "./draw/film";
+export { type Box, checkedBox, THINNEST_M, WIDEST } from "./scene/box";
+export type { Beside } from "./scene/guests";
+export { MOST_STREAMS, type Mount } from "./scene/mounts";
 export type { Camera, Colour, StreamName, View, ViewOptions, ViewStats } from "./types";
 export { DEFAULT_OPTIONS } from "./types";
 

@@ -2,18 +2,22 @@
  * option), and at the screen's rate while something moves. */
 import { DecodingSource } from "../decode/source";
 import { type Comparison, compared, ErrorScale } from "./compare";
-import { Camera } from "./draw/camera";
+import { Camera, type Stand } from "./draw/camera";
+import { canvasIn, contextOf, sized } from "./draw/canvas";
 import { Controls } from "./draw/controls";
+import { Film, filmType } from "./draw/film";
 import { Overlay } from "./draw/overlay";
 import { captioned } from "./draw/picture";
-import { Renderer, type Scene } from "./draw/renderer";
+import { firstScene, Renderer, type Scene } from "./draw/renderer";
 import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
 import { MapTiles } from "./map/tiles";
-import { headingOf } from "./matrix";
 import { Measure } from "./measure/measure";
+import { LOST, NO_ORIGINALS, NO_WEBGL, TOO_WIDE } from "./messages";
 import { Motion } from "./motion";
 import { Quality } from "./quality";
+import { Guests } from "./scene/guests";
+import type { Seat } from "./scene/mounts";
 import type { RangeFrame } from "./stream/frame";
 import { Pending } from "./stream/pending";
 import type { SensorTable } from "./stream/sensor";
@@ -28,12 +32,6 @@ const WAIT_FOR_ORIGINALS_MS = 3000;
 const PATIENCE_MS = 3000;
 /** Longest time of a graphics card for one picture. */
 const QUICK_MS = 40;
-const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
-const TOO_WIDE = "This graphics card cannot show frames with so many columns.";
-const LOST = "The graphics card is not available now. The picture returns when it is.";
-const NO_ORIGINALS =
-  "Uncompressed frames of this stream are not available. To compare, run the vehicle on the same machine as the server: lidarcodec demo, or lidarcodec publish --original.";
-
 interface Waiting {
   frame: RangeFrame;
   sensor: SensorTable;
@@ -41,7 +39,7 @@ interface Waiting {
 }
 
 export class LiveView implements View, Sink {
-  readonly #canvas = document.createElement("canvas");
+  readonly #canvas: HTMLCanvasElement;
   readonly #gl: WebGL2RenderingContext | null;
   readonly #camera = new Camera();
   readonly #controls: Controls;
@@ -56,7 +54,9 @@ export class LiveView implements View, Sink {
   readonly #resized: ResizeObserver;
   readonly #timer: number;
   readonly #scene: Scene;
+  readonly #guests = new Guests(() => this.#again());
   readonly #waiting: Waiting[] = [];
+  #film: Film | null = null;
   #renderer: Renderer | null = null;
   #pending: Pending | null = null;
   #options: ViewOptions;
@@ -68,7 +68,6 @@ export class LiveView implements View, Sink {
   #pairedAt = 0;
   #last: Waiting | null = null;
   #comparison: Comparison | null = null;
-  #heading: number | null = null;
   #request = 0;
   #before = 0;
   #dirty = true;
@@ -81,15 +80,8 @@ export class LiveView implements View, Sink {
   ) {
     this.#options = { ...options };
     host.classList.add("lidar-view");
-    const canvas = this.#canvas;
-    canvas.className = "lidar-canvas";
-    canvas.tabIndex = 0;
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute(
-      "aria-label",
-      "Point cloud. Arrow keys turn, with shift they move; plus and minus zoom; 0 resets. Measure: click two points.",
-    );
-    host.append(canvas);
+    const canvas = canvasIn(host);
+    this.#canvas = canvas;
     this.#overlay = new Overlay(host);
     this.#theme = new ThemeWatch(host, () => this.#wake());
     this.#measure = new Measure(this.#overlay.root);
@@ -104,19 +96,7 @@ export class LiveView implements View, Sink {
       if (key === "Escape") this.#measure.clear();
     });
     this.#camera.reset(options.camera, true);
-    this.#scene = {
-      colour: options.colour,
-      pointSize: 1,
-      ratio: 1,
-      compare: false,
-      error_mm: this.#scale.mm,
-      rangeImage: options.rangeImage,
-      ground: this.#ground.z,
-      pose: null,
-      map: null,
-      theme: this.#theme.theme,
-      shaded: true,
-    };
+    this.#scene = firstScene(options, this.#theme.theme, this.#guests.all);
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       this.#pending?.end();
@@ -124,12 +104,7 @@ export class LiveView implements View, Sink {
       this.#overlay.message(LOST);
     });
     canvas.addEventListener("webglcontextrestored", () => this.#begin());
-    this.#gl = canvas.getContext("webgl2", {
-      antialias: false,
-      alpha: false,
-      depth: true,
-      powerPreference: "high-performance",
-    });
+    this.#gl = contextOf(canvas);
     this.#begin();
     document.addEventListener("visibilitychange", this.#unseen);
     this.#resized = new ResizeObserver(() => this.#wake());
@@ -148,6 +123,7 @@ export class LiveView implements View, Sink {
 
   close(): void {
     this.#disconnect();
+    this.#film?.stop();
     this.#stream = null;
     this.#chooseMap();
     this.#clear();
@@ -167,7 +143,7 @@ export class LiveView implements View, Sink {
     if (other && this.#stream) {
       this.#disconnect();
       this.#connect();
-    }
+    } else this.#guests.show(this.#gl && this.#stream, this.#options);
     this.#wake();
   }
 
@@ -176,10 +152,25 @@ export class LiveView implements View, Sink {
   }
 
   async picture(caption: (stampMs: number) => string): Promise<Blob | null> {
-    if (!this.#renderer || !this.#last || !this.#size()) return null;
-    this.#draw(this.#renderer);
+    const last = this.#drawn();
+    return last && captioned(this.#canvas, caption(last.frame.stampMs), this.#theme.theme, this.#scene.ratio);
+  }
+
+  stand(): Stand {
+    return { ...this.#camera.goal };
+  }
+
+  goTo(stand: Stand): void {
+    this.#camera.send(stand);
     this.#wake();
-    return captioned(this.#canvas, caption(this.#last.frame.stampMs), this.#theme.theme, this.#scene.ratio);
+  }
+
+  film(caption: (stampMs: number) => string): Film | null {
+    const [type, last] = [filmType(), this.#drawn()];
+    if (!type || !last) return null;
+    const { theme } = this.#theme;
+    this.#film = new Film(this.#canvas, caption, last.frame.stampMs, theme, this.#scene.ratio, type);
+    return this.#film;
   }
 
   dispose(): void {
@@ -221,6 +212,7 @@ export class LiveView implements View, Sink {
     const { compare, decodeInBrowser, fillGaps } = this.#options;
     const Source = decodeInBrowser && !compare ? DecodingSource : CloudSocket; // the originals come decoded only
     this.#source = new Source({ ...this.#stream, original: compare, fill: fillGaps }, this);
+    this.#guests.show(this.#stream, this.#options);
   }
 
   /** Draw the map of the options, for streams that are opened with a token. */
@@ -234,13 +226,14 @@ export class LiveView implements View, Sink {
   #disconnect(): void {
     this.#source?.close();
     this.#source = null;
+    this.#guests.show(null, this.#options);
     this.#waiting.length = 0;
     this.#pending?.end();
   }
 
   #clear(): void {
     this.#renderer?.layers.clear();
-    this.#last = this.#comparison = this.#heading = null;
+    this.#last = this.#comparison = null;
     this.#measure.clear();
     this.#ground.reset();
     this.#motion.reset();
@@ -258,12 +251,12 @@ export class LiveView implements View, Sink {
     this.#widest = this.#gl.getParameter(this.#gl.MAX_TEXTURE_SIZE) as number;
     this.#overlay.message("");
     if (this.#last) this.#renderer.push(this.#last.frame, this.#last.sensor, 0);
+    this.#guests.again(this.#gl);
     this.#wake();
   }
 
   #tapped(x: number, y: number): void {
-    if (!this.#renderer || !this.#last) return;
-    if (this.#measure.take(x, y, this.#renderer, this.#camera, this.#scene, this.#last.sensor)) this.#wake();
+    if (this.#renderer && this.#measure.take(x, y, this.#renderer, this.#camera, this.#scene)) this.#wake();
   }
 
   /** Draw again soon. */
@@ -297,19 +290,17 @@ export class LiveView implements View, Sink {
     this.#before = now;
     const steered = this.#controls.step(seconds);
     const turned = this.#camera.move(seconds);
-    const taken = this.#take(now);
+    const beside = this.#gl !== null && this.#guests.take(this.#gl, now, this.#widest);
+    const taken = this.#take(now) || beside;
     const driven = this.#motion.predict(now) && this.#quality.level === 2;
     const draws = this.#dirty || taken || steered || turned || driven;
     this.#dirty = steered || turned || driven;
-    const acknowledged = this.#waiting.splice(0);
+    const acknowledged = [...this.#waiting.splice(0).map(({ shown }) => shown), ...this.#guests.acknowledged()];
     if (draws && this.#renderer && this.#size()) {
       this.#draw(this.#renderer);
       this.#tally.drawn(now);
-      this.#pending?.begin(
-        now,
-        acknowledged.map(({ shown }) => shown),
-      );
-    } else for (const { shown } of acknowledged) shown();
+      this.#pending?.begin(now, acknowledged);
+    } else for (const shown of acknowledged) shown();
   }
 
   /** True if there was a frame to show. */
@@ -339,11 +330,7 @@ export class LiveView implements View, Sink {
     }
     if (!taken || !this.#last) return false;
     this.#scene.map?.move(this.#motion.known ? this.#motion.pose : null, now);
-    if (this.#motion.known) {
-      const heading = headingOf(this.#motion.pose);
-      this.#heading ??= heading;
-      this.#camera.heading = heading - this.#heading;
-    } else this.#camera.heading = 0;
+    this.#camera.heading = this.#motion.turned();
     this.#comparison = this.#options.compare ? compared(this.#last.frame) : null;
     if (this.#comparison) this.#scale.take(this.#comparison);
     return true;
@@ -352,15 +339,16 @@ export class LiveView implements View, Sink {
   /** Resize the canvas to its shown size. False while it is hidden. */
   #size(): boolean {
     const ratio = this.#quality.ratio(window.devicePixelRatio || 1);
-    const wide = Math.round(this.host.clientWidth * ratio);
-    const high = Math.round(this.host.clientHeight * ratio);
-    if (wide < 2 || high < 2) return false;
-    if (this.#canvas.width !== wide || this.#canvas.height !== high) {
-      this.#canvas.width = wide;
-      this.#canvas.height = high;
-    }
     this.#scene.ratio = ratio;
-    return true;
+    return sized(this.#canvas, this.host, ratio);
+  }
+
+  /** Draw now: in this task of the browser the canvas can be read. The last frame, null if nothing can be drawn. */
+  #drawn(): Waiting | null {
+    if (!this.#renderer || !this.#last || !this.#size()) return null;
+    this.#draw(this.#renderer);
+    this.#wake();
+    return this.#last;
   }
 
   #draw(renderer: Renderer): void {
@@ -375,16 +363,23 @@ export class LiveView implements View, Sink {
     scene.pose = this.#motion.known ? this.#motion.pose : null;
     scene.theme = this.#theme.theme;
     scene.shaded = this.#quality.level === 2;
+    scene.box = this.#options.box;
+    this.#guests.settle(this.#seat(), scene.theme);
     renderer.draw(this.#camera, scene);
+    if (this.#film?.running && this.#last) this.#film.add(this.#canvas, this.#last.frame.stampMs);
     const pane = renderer.panes(scene)[0];
-    const strip = (pane?.image?.high ?? 0) / scene.ratio;
     const upright = scene.compare && this.#canvas.height > this.#canvas.width;
     this.#measure.draw(renderer, this.#camera, scene);
-    this.#overlay.empty(this.#last === null);
-    this.#overlay.strip(strip);
-    this.#overlay.scale(colour, scene.theme);
+    this.#overlay.strip((pane?.image?.high ?? 0) / scene.ratio);
+    this.#overlay.scale(this.#last ? colour : null, scene.theme);
     this.#overlay.made(renderer.layers.points, renderer.layers.madeUp);
     this.#overlay.compare(this.#comparison, this.#scale.mm, scene.theme, upright);
+  }
+
+  /** Where the chosen stream is. */
+  #seat(): Seat & StreamName {
+    const name = this.#stream?.stream ?? { vehicle: "", sensor: "" };
+    return { ...name, mount: this.#options.mount, pose: this.#scene.pose ?? this.#last?.frame.pose ?? null };
   }
 
   #report(): void {
@@ -392,12 +387,16 @@ export class LiveView implements View, Sink {
     if (this.#renderer) this.#overlay.message(this.#tooWide ? TOO_WIDE : this.#lacksOriginals(now) ? NO_ORIGINALS : "");
     const source = this.#source;
     const stats = this.#tally.stats(now);
-    const gpuBytes = this.#renderer?.bytes ?? 0;
+    const gpuBytes = (this.#renderer?.bytes ?? 0) + this.#guests.bytes;
+    const main = { ...this.#seat(), points: stats.points };
+    const all = this.#guests.report(main, this.#scene, this.#renderer, this.#overlay.legend, now);
     // for measurements from outside: benchmarks/page.py
-    const told = { age: stats.age_ms, frames: this.#tally.frames, pictures: this.#tally.pictures, gpu: gpuBytes };
+    const { frames, pictures } = this.#tally;
+    const told = { age: stats.age_ms, frames, clouds: frames + this.#guests.frames, pictures, gpu: gpuBytes };
     this.#canvas.dataset.told = JSON.stringify(told);
     this.#tell({
       ...stats,
+      ...all,
       connection: this.#gl ? (source?.connection ?? "closed") : "refused",
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
       note: source?.note ?? this.#scene.map?.note ?? null,

@@ -17,6 +17,7 @@ export class Motion {
   #velocity: [number, number, number] = [0, 0, 0];
   #turning = 0;
   #delayMs = Number.NaN;
+  #heading: number | null = null;
 
   /** A frame is shown at `now` (ms, any clock that runs on). */
   take(frame: RangeFrame, now: number): void {
@@ -67,8 +68,17 @@ export class Motion {
     return seconds < LONGEST_S && Math.hypot(vx, vy) + Math.abs(this.#turning) > 0.1;
   }
 
+  /** How far the vehicle has turned since it was seen first, radians; 0 while no poses are known. */
+  turned(): number {
+    if (!this.known) return 0;
+    const heading = headingOf(this.pose);
+    this.#heading ??= heading;
+    return heading - this.#heading;
+  }
+
   reset(): void {
     this.known = false;
     this.#delayMs = Number.NaN;
+    this.#heading = null;
   }
 }

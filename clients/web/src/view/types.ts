@@ -1,7 +1,12 @@
 /** The interface between the page and the view. The page makes one view, opens streams in it and sets its options. */
 import type { Comparison } from "./compare";
+import type { Stand } from "./draw/camera";
+import type { Film } from "./draw/film";
+import type { Box } from "./scene/box";
+import type { Beside } from "./scene/guests";
+import type { Mount } from "./scene/mounts";
 
-export type Colour = "height" | "intensity" | "distance" | "ring";
+export type Colour = "height" | "intensity" | "distance" | "ring" | "stream";
 export type Camera = "orbit" | "follow";
 
 export interface ViewOptions {
@@ -23,6 +28,12 @@ export interface ViewOptions {
   measure: boolean;
   /** Name of the map that is drawn under the cloud; null for none. */
   map: string | null;
+  /** Draw only the points in it; null draws all. */
+  box: Box | null;
+  /** Other streams in the same picture. */
+  beside: readonly Beside[];
+  /** Where the sensor of the chosen stream sits on its vehicle, if that is known. */
+  mount: Mount | null;
 }
 
 export const DEFAULT_OPTIONS: ViewOptions = {
@@ -36,6 +47,9 @@ export const DEFAULT_OPTIONS: ViewOptions = {
   fillGaps: true,
   measure: false,
   map: null,
+  box: null,
+  beside: [],
+  mount: null,
 };
 
 export interface StreamName {
@@ -68,6 +82,10 @@ export interface ViewStats {
   drawn: number;
   /** Comparison of original and decoded; null without one. */
   comparison: Comparison | null;
+  /** Measured points in the box, of all streams; null without a box. */
+  inBox: number | null;
+  /** Measured points of all streams that are shown. */
+  allPoints: number;
   /** Memory of textures on the graphics card. */
   gpuBytes: number;
 }
@@ -82,6 +100,12 @@ export interface View {
   onstats(callback: (stats: ViewStats) => void): void;
   /** The view as it is now, as a PNG with a caption; null before the first frame. caption: from the frame's stamp */
   picture(caption: (stampMs: number) => string): Promise<Blob | null>;
+  /** Where the camera stands. */
+  stand(): Stand;
+  /** Send the camera there. */
+  goTo(stand: Stand): void;
+  /** Begin a clip of the view, with a caption; null if this browser makes none, or before the first frame. */
+  film(caption: (stampMs: number) => string): Film | null;
   /** Free everything; the host is empty afterwards. */
   dispose(): void;
 }

@@ -2,7 +2,7 @@
 import { lookAt, type Matrix, perspective, type Vector } from "../matrix";
 import type { Camera as Kind } from "../types";
 
-interface Stand {
+export interface Stand {
   /** Radians about z, counter-clockwise from straight ahead: where the camera stands, seen from the target. */
   yaw: number;
   /** Radians above the horizon. */
@@ -44,6 +44,22 @@ export class Camera {
     // the shorter way round
     this.#now.yaw += 2 * Math.PI * Math.round((this.#goal.yaw - this.#now.yaw) / (2 * Math.PI));
     if (at_once) Object.assign(this.#now, this.#goal);
+  }
+
+  /** Stand there: where the camera was sent before, or what somebody kept. */
+  send({ yaw, pitch, distance, x, y, z }: Readonly<Stand>): void {
+    const reach = [-REACH, REACH] as const;
+    const goal = this.#goal;
+    goal.yaw = yaw;
+    goal.pitch = clamp(pitch, PITCH);
+    goal.distance = clamp(distance, DISTANCE);
+    [goal.x, goal.y, goal.z] = [clamp(x, reach), clamp(y, reach), clamp(z, reach)];
+    this.#now.yaw += 2 * Math.PI * Math.round((yaw - this.#now.yaw) / (2 * Math.PI)); // the shorter way round
+  }
+
+  /** Where it was sent. */
+  get goal(): Readonly<Stand> {
+    return this.#goal;
   }
 
   rotate(yaw: number, pitch: number): void {

@@ -5,7 +5,8 @@
 import type { Colour } from "../types";
 
 export const STEPS = 256;
-export type MapName = Colour | "error";
+/** "stream" has no map: each stream has a colour of its own. */
+export type MapName = Exclude<Colour, "stream"> | "error";
 /** Rows of the texture that holds all maps. */
 export const MAPS: readonly MapName[] = ["height", "intensity", "distance", "ring", "error"];
 

@@ -3,9 +3,10 @@
 import { type Comparison, millimetres } from "../compare";
 import type { Colour } from "../types";
 import { FAR_M, HEIGHT_M, type MapName, mapOf, STEPS } from "./colours";
+import { Legend } from "./legend";
 import type { Theme } from "./theme";
 
-const SCALES: Record<Colour, { title: string; ends: [string, string] }> = {
+const SCALES: Record<Exclude<Colour, "stream">, { title: string; ends: [string, string] }> = {
   height: { title: "height above the road", ends: [`${HEIGHT_M[0]} m`, `${HEIGHT_M[1]} m`] },
   intensity: { title: "intensity", ends: ["0", "255"] },
   distance: { title: "distance", ends: ["0 m", `${FAR_M} m`] },
@@ -58,6 +59,7 @@ class Scale {
 
 export class Overlay {
   readonly root: HTMLElement;
+  readonly legend: Legend;
   readonly #scale: Scale;
   readonly #error: Scale;
   readonly #left: HTMLElement;
@@ -74,6 +76,7 @@ export class Overlay {
     this.#scale = new Scale(this.root);
     this.#error = new Scale(this.root);
     this.#error.root.classList.add("lidar-error");
+    this.legend = new Legend(this.root);
     this.#figures = element("dl", "lidar-figures", this.root);
     this.#made = element("p", "lidar-made", this.root);
     this.#made.hidden = true;
@@ -97,7 +100,10 @@ export class Overlay {
       );
   }
 
-  scale(colour: Colour, { dark }: Theme): void {
+  /** colour: null while nothing is shown that a scale would explain */
+  scale(colour: Colour | null, { dark }: Theme): void {
+    this.#scale.root.hidden = colour === null || colour === "stream";
+    if (colour === null || colour === "stream") return;
     const { title, ends } = SCALES[colour];
     this.#scale.show(colour, dark, title, ends[0], ends[1]);
   }
@@ -107,11 +113,6 @@ export class Overlay {
     if (high === this.#strip) return;
     this.#strip = high;
     this.root.style.setProperty("--lidar-strip", `${high}px`);
-  }
-
-  /** empty: whether anything is shown that a scale would explain. */
-  empty(yes: boolean): void {
-    this.#scale.root.hidden = yes;
   }
 
   /** Figures of a comparison; null: none is made. upright: the panes are above one another. */

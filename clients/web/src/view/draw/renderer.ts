@@ -3,10 +3,13 @@
 import { MapLayer } from "../map/layer";
 import type { MapTiles } from "../map/tiles";
 import { between, identity, type Matrix, multiply, type Pose } from "../matrix";
+import type { Box } from "../scene/box";
+import { tintOf } from "../scene/guests";
 import { MAX_RINGS, type RangeFrame } from "../stream/frame";
 import { type SensorTable, TEXELS } from "../stream/sensor";
+import type { Colour, StreamName, ViewOptions } from "../types";
 import type { Camera } from "./camera";
-import { allMaps, FAR_M, HEIGHT_M, MAPS, type MapName, STEPS } from "./colours";
+import { allMaps, FAR_M, HEIGHT_M, MAPS, STEPS } from "./colours";
 import { formats, Program, Texture } from "./gl";
 import { Labels } from "./labels";
 import { type Layer, Layers } from "./layers";
@@ -25,10 +28,11 @@ import type { Colour3, Theme } from "./theme";
 const TURN_STEPS = 36000;
 const TURN_WIDTH = 256;
 const GROUND_REACH_M = 150;
+const NOWHERE = [0, 0, 0];
 const UNITS = { range: 0, azimuth: 1, intensity: 2, original: 3, sensor: 4, turn: 5, maps: 6, filled: 7 } as const;
 
 export interface Scene {
-  colour: MapName;
+  colour: Colour;
   /** Device pixels. */
   pointSize: number;
   ratio: number;
@@ -44,6 +48,35 @@ export interface Scene {
   theme: Theme;
   /** Shade edges: costs a pass over all pixels. */
   shaded: boolean;
+  /** Points outside are not drawn; null draws all. */
+  box: Box | null;
+  /** Other streams in the picture. */
+  guests: readonly (Drawn & { place: Matrix; name: StreamName })[];
+}
+
+/** What is drawn before there is anything to draw. */
+export function firstScene({ colour, rangeImage }: ViewOptions, theme: Theme, guests: Scene["guests"]): Scene {
+  const still = {
+    pointSize: 1,
+    ratio: 1,
+    compare: false,
+    error_mm: 1,
+    ground: -1.7,
+    pose: null,
+    map: null,
+    shaded: true,
+  };
+  return { ...still, colour, rangeImage, theme, box: null, guests };
+}
+
+/** Frames of a stream on the card, with its sensor, and where they lie. */
+export interface Drawn {
+  layers: Layers | null;
+  sensor: Texture | null;
+  table: SensorTable | null;
+  tint: Colour3;
+  /** To the frame of the picture; absent for the chosen stream, whose frames have poses of their own. */
+  place?: Matrix;
 }
 
 export class Renderer {
@@ -55,6 +88,7 @@ export class Renderer {
   readonly #map: MapLayer;
   readonly #surface: Surface;
   readonly #sensor: Texture;
+  readonly #own: Drawn;
   readonly #turn: Texture;
   readonly #maps: Texture;
   readonly #view: Matrix = identity();
@@ -62,7 +96,6 @@ export class Renderer {
   readonly #both: Matrix = identity();
   readonly #place: Matrix = identity();
   readonly #still: Matrix = identity();
-  #table: SensorTable | null = null;
   #dark: boolean | null = null;
   #panes: Pane[] = [];
   #panesFor: [number, number, number, number] = [0, 0, 0, 0];
@@ -87,6 +120,7 @@ export class Renderer {
     }
     this.#turn.write(pairs);
     this.layers = new Layers(gl);
+    this.#own = { layers: this.layers, sensor: this.#sensor, table: null, tint: [1, 1, 1] };
     for (const program of [this.#points, this.#image]) {
       program.use();
       for (const [name, unit] of Object.entries(UNITS)) gl.uniform1i(program.at(`u_${name}`), unit);
@@ -99,6 +133,11 @@ export class Renderer {
     return this.layers.bytes + this.#map.bytes + this.#surface.bytes + tables;
   }
 
+  /** The sensor of the chosen stream. */
+  get table(): SensorTable | null {
+    return this.#own.table;
+  }
+
   /** Of the canvas, in device pixels. */
   get high(): number {
     return this.gl.canvas.height;
@@ -106,9 +145,9 @@ export class Renderer {
 
   push(frame: RangeFrame, sensor: SensorTable, trail: number): void {
     this.gl.pixelStorei(this.gl.UNPACK_ALIGNMENT, 1);
-    if (sensor !== this.#table) {
+    if (sensor !== this.#own.table) {
       this.layers.clear();
-      this.#table = sensor;
+      this.#own.table = sensor;
       this.#sensor.write(sensor.values, TEXELS, sensor.rings);
     }
     this.layers.push(frame, trail);
@@ -136,6 +175,7 @@ export class Renderer {
       this.#drawGround(scene);
       this.#map.draw(scene.map, this.#both, scene.pose, scene.pointSize, scene.theme);
       this.#drawPoints(scene, scene.compare && number === 0, scene.compare && number === 1);
+      if (!scene.compare) for (const guest of scene.guests) this.#drawPoints(scene, false, false, guest);
       gl.enable(gl.BLEND);
       this.#labels.draw(this.#both, scene.ground, pane.cloud.wide, pane.cloud.high, scene.ratio, scene.theme.ink);
       gl.disable(gl.BLEND);
@@ -205,17 +245,24 @@ export class Renderer {
     gl.disable(gl.BLEND);
   }
 
-  #drawPoints(scene: Scene, original: boolean, error: boolean): void {
+  #drawPoints(scene: Scene, original: boolean, error: boolean, drawn = this.#own): void {
     const { gl } = this;
-    const { shown, now } = this.layers;
-    const newest = shown[0];
-    if (!newest || !this.#table) return;
+    const { layers, table } = drawn;
+    const newest = layers?.shown[0];
+    if (!layers || !newest || !table) return;
+    const { shown, now } = layers;
     const program = this.#points;
     gl.enable(gl.DEPTH_TEST);
     program.use();
-    this.#common(program, scene, error);
+    this.#common(program, scene, error, drawn);
     gl.uniformMatrix4fv(program.at("u_view"), false, this.#both);
     gl.uniform1f(program.at("u_size"), scene.pointSize);
+    gl.uniform1i(program.at("u_boxed"), scene.box ? 1 : 0);
+    gl.uniform3fv(program.at("u_least"), scene.box?.least ?? NOWHERE);
+    gl.uniform3fv(program.at("u_greatest"), scene.box?.greatest ?? NOWHERE);
+    gl.uniform1i(program.at("u_tinted"), scene.colour === "stream" && !error ? 1 : 0);
+    const tint = drawn === this.#own ? tintOf(0, scene.theme) : drawn.tint;
+    this.#colour(program, "u_tint", tint);
     this.#colour(program, "u_paper", scene.theme.paper);
     const trails = Math.max(shown.length - now, 1);
     const pose = scene.pose ?? newest.frame.pose;
@@ -226,7 +273,7 @@ export class Renderer {
       gl.uniformMatrix4fv(
         program.at("u_place"),
         false,
-        placed ? between(this.#place, pose, layer.frame.pose as Pose) : this.#still,
+        drawn.place ?? (placed ? between(this.#place, pose, layer.frame.pose as Pose) : this.#still),
       );
       gl.uniform1f(program.at("u_fade"), number < now ? 0 : 0.3 + (0.5 * (number - now + 1)) / trails);
       this.#bind(program, layer, original, error);
@@ -241,11 +288,11 @@ export class Renderer {
     const { none } = scene.theme;
     gl.clearColor(none[0], none[1], none[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    if (!this.#table) return;
+    if (!this.#own.table) return;
     const program = this.#image;
     gl.disable(gl.DEPTH_TEST);
     program.use();
-    this.#common(program, scene, error);
+    this.#common(program, scene, error, this.#own);
     this.#colour(program, "u_none", none);
     for (let number = Math.min(now, shown.length) - 1; number >= 0; number--) {
       const layer = shown[number] as Layer;
@@ -257,16 +304,16 @@ export class Renderer {
   }
 
   /** What points and range image have in common. */
-  #common(program: Program, scene: Scene, error: boolean): void {
+  #common(program: Program, scene: Scene, error: boolean, { sensor, table }: Drawn): void {
     const { gl } = this;
-    const mode = MAPS.indexOf(error ? "error" : scene.colour);
+    const mode = MAPS.indexOf(error ? "error" : scene.colour === "stream" ? "height" : scene.colour);
     gl.activeTexture(gl.TEXTURE0 + UNITS.sensor);
-    gl.bindTexture(gl.TEXTURE_2D, this.#sensor.handle);
+    gl.bindTexture(gl.TEXTURE_2D, sensor?.handle ?? null);
     gl.activeTexture(gl.TEXTURE0 + UNITS.turn);
     gl.bindTexture(gl.TEXTURE_2D, this.#turn.handle);
     gl.activeTexture(gl.TEXTURE0 + UNITS.maps);
     gl.bindTexture(gl.TEXTURE_2D, this.#maps.handle);
-    gl.uniform1i(program.at("u_ros"), this.#table?.ros ? 1 : 0);
+    gl.uniform1i(program.at("u_ros"), table?.ros ? 1 : 0);
     gl.uniform1i(program.at("u_mode"), mode);
     gl.uniform1f(program.at("u_ground"), scene.ground);
     gl.uniform2f(program.at("u_height"), HEIGHT_M[0], HEIGHT_M[1]);

@@ -68,6 +68,11 @@ vec3 mapped(float t, int row) {
   return texture(u_maps, vec2((clamp(t, 0.0, 1.0) * 255.0 + 0.5) / 256.0, (float(row) + 0.5) / 5.0)).rgb;
 }
 
+/** How high a point is in the span that the colours of heights cover, 0 to 1. */
+float colourHeight(vec3 p) {
+  return clamp((p.z - u_ground - u_height.x) / (u_height.y - u_height.x), 0.0, 1.0);
+}
+
 vec3 colourOf(vec3 p, uint range, int ring, int column, float error) {
   float t = 0.0;
   if (u_mode == 0) t = (p.z - u_ground - u_height.x) / (u_height.y - u_height.x);
@@ -93,6 +98,11 @@ uniform vec3 u_dropped;
 uniform vec3 u_invented;
 uniform vec3 u_paper;
 uniform float u_fade;
+uniform bool u_boxed;
+uniform vec3 u_least;
+uniform vec3 u_greatest;
+uniform bool u_tinted;
+uniform vec3 u_tint;
 ${POINT}
 ${COLOUR}
 out vec3 v_colour;
@@ -121,11 +131,19 @@ void main() {
     return;
   }
   v_point = pointOf(shown, ring, column);
-  gl_Position = u_view * (u_place * vec4(v_point, 1.0));
+  vec4 placed = u_place * vec4(v_point, 1.0);
+  vec3 above = placed.xyz - vec3(0.0, 0.0, u_ground);
+  if (u_boxed && (any(lessThan(above, u_least)) || any(greaterThan(above, u_greatest)))) {
+    gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    gl_PointSize = 1.0;
+    return;
+  }
+  gl_Position = u_view * placed;
   float near = clamp(24.0 / max(gl_Position.w, 0.1), 0.8, 3.0);
   bool faint = madeUp(ring, column);
   gl_PointSize = max(1.0, u_size * near * (dropped || faint ? 0.75 : 1.0));
-  vec3 colour = dropped ? u_dropped : invented ? u_invented : colourOf(v_point, shown, ring, column, error);
+  vec3 colour = dropped ? u_dropped : invented ? u_invented
+    : u_tinted ? u_tint * (0.6 + 0.4 * sqrt(colourHeight(placed.xyz))) : colourOf(placed.xyz, shown, ring, column, error);
   v_colour = mix(mix(colour, u_paper, faint ? FAINT : 0.0), u_paper, u_fade);
 }
 `;

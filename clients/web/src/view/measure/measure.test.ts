@@ -86,19 +86,37 @@ describe("picking", () => {
       [1, 0, 4000],
       [2, 1, 1000],
     ]);
-    const found = pick([{ frame: one, view: ahead }], table(), spot);
+    const found = pick([{ frame: one, table: table(), view: ahead }], spot);
     expect(found).toMatchObject({ ring: 1, column: 0, azimuth: 0, madeUp: false });
     expect(found?.intensity).toBe(one.intensity?.[2]);
-    expect(pick([{ frame: one, view: ahead }], table(), { ...spot, x: 0.5 })).toBeNull();
+    expect(pick([{ frame: one, table: table(), view: ahead }], { ...spot, x: 0.5 })).toBeNull();
+  });
+
+  test("a return of another stream is where that lies in the picture, and says of which it is", () => {
+    const place = identity();
+    place[12] = 3; // its sensor sits 3 m ahead
+    const pose = new Float64Array([1, 0, 0, 100, 0, 1, 0, 0, 0, 0, 1, 0]) as Pose;
+    const near = frame([[0, 0, 1000]]);
+    const guest = { frame: near, table: table(), view: ahead, stream: { name: "car-7/front", place, pose } };
+    const own = { frame: frame([[0, 0, 2000]]), table: table(), view: ahead };
+    const found = pick([own, guest], spot);
+    expect(found).toMatchObject({ stream: "car-7/front", pose });
+    expect(found?.distance).toBeCloseTo(2, 5);
+    expect(found?.point[0]).toBeCloseTo(5, 5);
+    expect(rows(found ? [found] : [], 0, null)).toContainEqual(["stream", "car-7/front"]);
+    // what the box leaves out cannot be picked: the one behind it is
+    expect(pick([own, guest], spot, ([x]) => x < 4.5)).toMatchObject({ stream: null, ring: 0 });
   });
 
   test("a cell without a return is never picked", () => {
-    expect(pick([{ frame: frame([]), view: ahead }], table(), spot)).toBeNull();
+    expect(pick([{ frame: frame([]), table: table(), view: ahead }], spot)).toBeNull();
   });
 });
 
 describe("the ruler", () => {
   const at = (x: number, y: number, z: number, east: number) => ({
+    stream: null,
+    distance: Math.hypot(x, y, z),
     point: [x, y, z] as [number, number, number],
     pose: new Float64Array([1, 0, 0, east, 0, 1, 0, 0, 0, 0, 1, 0]) as Pose,
     frameIndex: 1,

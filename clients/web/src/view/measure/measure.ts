@@ -3,9 +3,9 @@ import type { Camera } from "../draw/camera";
 import type { Pane, Rect } from "../draw/layout";
 import type { Renderer, Scene } from "../draw/renderer";
 import { between, identity, multiply } from "../matrix";
-import type { SensorTable } from "../stream/sensor";
+import { isInside } from "../scene/box";
 import { Panel, rows } from "./panel";
-import { pick } from "./pick";
+import { pick, type Seen } from "./pick";
 import { onScreen, Ruler } from "./ruler";
 
 /** How near to the pointer a return must be, in CSS pixels. */
@@ -36,8 +36,9 @@ export class Measure {
   }
 
   /** Pick the return at a place of the picture, in CSS pixels from the upper left corner. False if there is none. */
-  take(x: number, y: number, renderer: Renderer, camera: Camera, scene: Scene, table: SensorTable): boolean {
-    if (!this.#on) return false;
+  take(x: number, y: number, renderer: Renderer, camera: Camera, scene: Scene): boolean {
+    const { table } = renderer;
+    if (!this.#on || !table) return false;
     const high = renderer.high / scene.ratio;
     const pane = renderer.panes(scene).find(({ cloud }) => inside(cloud, x * scene.ratio, (high - y) * scene.ratio));
     if (!pane) return false;
@@ -52,11 +53,20 @@ export class Measure {
     const view = renderer.viewOf(camera, scene, pane, this.#view);
     const { shown, now } = renderer.layers;
     const pose = scene.pose ?? shown[0]?.frame.pose ?? null;
-    const seen = shown.slice(0, now).map(({ frame }) => ({
+    const seen: Seen[] = shown.slice(0, now).map(({ frame }) => ({
       frame,
+      table,
       view: pose && frame.pose ? multiply(identity(), view, between(identity(), pose, frame.pose)) : view,
     }));
-    const found = pick(seen, table, spot);
+    for (const { layers, table: own, place, name } of scene.compare ? [] : scene.guests) {
+      if (!layers || !own) continue;
+      const { vehicle, sensor } = name;
+      const stream = { name: `${vehicle}/${sensor}`, place, pose: pose && Float64Array.from(pose) };
+      const at = multiply(identity(), view, place);
+      seen.push(...layers.shown.slice(0, layers.now).map(({ frame }) => ({ frame, table: own, view: at, stream })));
+    }
+    const { box, ground } = scene;
+    const found = pick(seen, spot, (point) => !box || isInside(box, point, ground));
     if (!found) return false;
     this.#ruler.take(found);
     this.#panel.show(rows(this.#ruler.picked, scene.ground, this.#ruler.between));

@@ -21,11 +21,13 @@ export function rows(picked: readonly Picked[], ground: number, apart: Between |
   }
   if (picked.length === 0) return [[HINT]];
   out.push(["", "A", "B"].slice(0, picked.length + 1));
+  if (picked.some(({ stream }) => stream !== null))
+    out.push(both("stream", ({ stream }) => stream ?? "the chosen one"));
   out.push(both("x forward", ({ point }) => metres(point[0])));
   out.push(both("y left", ({ point }) => metres(point[1])));
   out.push(both("z up", ({ point }) => metres(point[2])));
   out.push(both("above the road", ({ point }) => metres(point[2] - ground)));
-  out.push(both("from the sensor", ({ point }) => metres(Math.hypot(...point))));
+  out.push(both("from the sensor", ({ distance }) => metres(distance)));
   out.push(both("intensity", ({ intensity }) => (intensity === null ? "not sent" : `${intensity}`)));
   out.push(both("ring, column", ({ ring, column }) => `${ring}, ${column}`));
   out.push(both("azimuth", ({ azimuth }) => `${azimuth.toFixed(2)}°`));

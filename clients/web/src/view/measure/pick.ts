@@ -6,10 +6,14 @@ import { azimuthOf, pointOf } from "./point";
 
 /** A return with all that is known of it. */
 export interface Picked {
-  /** Metres from the sensor, at the time of its frame: x forward, y left, z up. */
+  /** The other stream that it is of; null for the chosen one. */
+  stream: string | null;
+  /** Metres from the sensor of the chosen stream, at the time of the frame: x forward, y left, z up. */
   point: Vector;
-  /** Of its frame. */
+  /** Of that sensor. */
   pose: Pose | null;
+  /** Metres from its own sensor. */
+  distance: number;
   frameIndex: number;
   intensity: number | null;
   ring: number;
@@ -28,12 +32,22 @@ export interface Spot {
   reachY: number;
 }
 
-/** view: from metres to the screen, for each frame. Null if no return is near the spot. */
-export function pick(shown: { frame: RangeFrame; view: Matrix }[], table: SensorTable, spot: Spot): Picked | null {
-  let best: { frame: RangeFrame; ring: number; column: number; depth: number } | null = null;
+/** A frame in the picture. view: from metres at its sensor to the screen. place, pose: of another stream, to the sensor of
+ * the chosen one, which stands at that pose */
+export interface Seen {
+  frame: RangeFrame;
+  table: SensorTable;
+  view: Matrix;
+  stream?: { name: string; place: Matrix; pose: Pose | null };
+}
+
+/** Null if no return is near the spot. box: whether a point, in metres at the chosen sensor, is drawn at all */
+export function pick(shown: Seen[], spot: Spot, box: (point: Vector) => boolean = () => true): Picked | null {
+  let best: { seen: Seen; ring: number; column: number; depth: number } | null = null;
   const point: Vector = [0, 0, 0];
   const seen: [number, number, number, number] = [0, 0, 0, 0];
-  for (const { frame, view } of shown) {
+  for (const one of shown) {
+    const { frame, table, view } = one;
     for (let ring = 0; ring < frame.rings; ring++) {
       for (let column = 0; column < frame.columns; column++) {
         if (frame.range[ring * frame.columns + column] === 0) continue;
@@ -42,16 +56,20 @@ export function pick(shown: { frame: RangeFrame; view: Matrix }[], table: Sensor
         if (depth <= 0 || depth >= (best?.depth ?? Number.POSITIVE_INFINITY)) continue;
         const right = (x / depth - spot.x) / spot.reachX;
         const up = (y / depth - spot.y) / spot.reachY;
-        if (right * right + up * up <= 1) best = { frame, ring, column, depth };
+        if (right * right + up * up <= 1 && box(placed(one, point))) best = { seen: one, ring, column, depth };
       }
     }
   }
   if (best === null) return null;
-  const { frame, ring, column } = best;
+  const { ring, column } = best;
+  const { frame, table, stream } = best.seen;
+  const own = pointOf(frame, table, ring, column, [0, 0, 0]);
   const cell = ring * frame.columns + column;
   return {
-    point: pointOf(frame, table, ring, column, [0, 0, 0]),
-    pose: frame.pose,
+    stream: stream?.name ?? null,
+    point: placed(best.seen, own),
+    pose: stream ? stream.pose : frame.pose,
+    distance: Math.hypot(...own),
     frameIndex: frame.index,
     intensity: frame.intensity?.[cell] ?? null,
     ring,
@@ -59,4 +77,12 @@ export function pick(shown: { frame: RangeFrame; view: Matrix }[], table: Sensor
     azimuth: (azimuthOf(frame, table, ring, column) * 180) / Math.PI,
     madeUp: frame.filled?.[cell] === 1,
   };
+}
+
+/** A point of a frame, in metres at the sensor of the chosen stream. */
+function placed({ stream }: Seen, point: Vector): Vector {
+  if (!stream) return point;
+  const out: [number, number, number, number] = [0, 0, 0, 0];
+  transformed(out, stream.place, point);
+  return [out[0], out[1], out[2]];
 }
