@@ -74,10 +74,11 @@ def test_a_file_that_is_no_capture_is_refused_by_name(tmp_path):
     assert "holiday.pcap" in the_one_line(result)
 
 
-def test_what_a_codec_cannot_do_for_a_sensor_is_said_by_name(data_file):
-    result = run_here("bench", data_file("vlp16_sampleshort.pcap"), "--codec", "png")
+def test_what_a_reduction_cannot_do_for_a_sensor_is_said_by_name(data_file):
+    pytest.importorskip("onnxruntime")
+    result = run_here("bench", data_file("vlp16_sampleshort.pcap"), "--set", "reduction=poconet")
     assert result.returncode == 2
-    assert "png takes only frames of an HDL-64E" in the_one_line(result)
+    assert "choose voxel-seen" in the_one_line(result)
 
 
 def test_debug_shows_the_traceback_wherever_it_stands():

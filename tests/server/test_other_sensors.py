@@ -82,7 +82,7 @@ async def test_viewers_get_the_points_pictures_and_model_of_the_sensor(path, tmp
                     break
                 await asyncio.sleep(0.1)
             assert name in str(status)
-            for changes in ({"codec": "jpeg"}, {"reduction": "voxel-seen"}):
+            for changes in ({"reduction": "poconet"}, {"reduction": "poconet-paper"}):
                 answer = await client.patch(f"{STREAM}/settings", json=changes)
                 assert answer.status_code == 422, answer.text
                 assert "HDL-64E" in answer.text
