@@ -582,16 +582,6 @@ def encode_tile(
 def decode_tile(
     data: bytes, count: int, levels: int, cell: int, reach: int, bits: Sequence[int]
 ) -> tuple[NDArray[numpy.uint32], NDArray[numpy.uint16]]: ...
-def greedy_cover(
-    first: NDArray[numpy.int32],
-    last: NDArray[numpy.int32],
-    group: NDArray[numpy.int32],
-    rows: int,
-    groups: int,
-    enough: float,
-    spread: float,
-    most: int,
-) -> NDArray[numpy.int32]: ...
 def ground_points(points: NDArray[numpy.float32]) -> NDArray[numpy.uint8]: ...
 def cluster_points(
     points: NDArray[numpy.float32], rows: NDArray[numpy.uint16], ground: NDArray[numpy.uint8]

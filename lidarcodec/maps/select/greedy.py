@@ -1,16 +1,14 @@
-"""`greedy`: the points that cover all places of the path in all directions, spread over space.
+"""`greedy`: points in proportion to the scans that hit them, in each small cube and each direction.
 
-With at most K points S it maximises
+With at most K points it maximises, over the numbers n_g of points of each group g, a cube and a direction,
 
-    sum over places p and directions d of min(b, points of S that p sees and that face d)
-    + spread * sum over groups g of (1 + 1/2 + ... + 1/n_g)
+    sum over groups g of w_g log n_g,   w_g = (scans that hit points of g) * (all / those of its direction)^(1/3)
 
-A direction is that of the normal: up, or one of four ways along the ground. So where few points hold a scan in one
-direction, as along a straight road, these are kept. n_g is the number of points of S in group g, a cube and a
-direction. Each part is monotone and submodular, so lazy greedy comes within 1 - 1/e of the best (Nemhauser, Wolsey and
-Fisher, "An analysis of approximations for maximizing submodular set functions", 1978). A place sees a point from the
-first to the last one from which it was hit; gaps in between are not known. Of each group only the points with the
-flattest surroundings are candidates: what lies on a plane ties a scan down, and a leaf of a hedge does not.
+A direction is that of the normal: up, or one of four ways along the ground. So scans of all places find partners where
+they have returns, and where few points hold a scan in one direction, as along a straight road, more of these are kept.
+The sum is monotone and submodular, and each step of greedy takes from the group with the largest w_g / n_g. Because the
+groups are apart from each other, that ends at n_g in proportion to w_g, at most all points of g, which is found at
+once. In each group the points that most scans hit are kept: their places are known best.
 """
 
 from __future__ import annotations
@@ -20,88 +18,65 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec import _native
-from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.maps.points import MapPoints
 from lidarcodec.maps.select.result import Selection, check_seen
 
-SPREAD: Final = 1.0
-"""Worth of the first point of a group, in mean gains of a point by the places that see it."""
+CUBE_M: Final = 2.0
 DIRECTIONS: Final = 5
-FLATTEST: Final = 0.3
-NEIGHBOURS: Final = 10
 UP: Final = 0.8
 """Least height of a normal that faces up."""
+MOST_COUNT: Final = 30
+"""A car that stands at a crossing hits the same points again and again; that makes them no better."""
+SCARCE: Final = 1 / 3
+_HALVINGS: Final = 60
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 
 def greedy(points: MapPoints, count: int, seed: int) -> Selection:
-    """The points of lazy greedy. Raises SettingsError for a map that does not say from where points were seen."""
+    """The points of the largest sum. Raises SettingsError for a map that does not say how often points were seen."""
     del seed
     check_seen(points, "greedy")
-    first, last = (points.columns[name].astype(np.int32) for name in ("first", "last"))
-    facing, places = _facing(points), len(points.path)
-    sees = float((last - first + 1).mean())
-    enough = count * sees / (places * DIRECTIONS)
-    group, groups = _groups(points, facing, count)
-    share = max(FLATTEST, min(2 * count / len(points), 1.0))
-    candidates = _flattest(flatness(points.xyz), group, share)
-    rows = facing * places  # each direction has rows of its own for all places
-    chosen = _native.greedy_cover(
-        (first + rows)[candidates], (last + rows)[candidates], group[candidates], places * DIRECTIONS, groups, enough,
-        SPREAD * sees, min(count, len(candidates)),
-    )  # fmt: skip
-    return Selection(points.taken(np.sort(candidates[chosen])), {})
+    facing = _facing(points)
+    group, direction = _groups(points, facing)
+    hits = points.columns["count"].astype(np.int64)
+    weights = np.bincount(group, np.minimum(hits, MOST_COUNT)).astype(np.float64)
+    totals = np.bincount(direction, weights, DIRECTIONS)
+    weights *= (weights.sum() / np.maximum(totals[direction], 1e-9)) ** SCARCE
+    size = np.bincount(group)
+    wanted = allotted(weights, size, min(count, len(points)))
+    order = np.lexsort((-hits, group))
+    rank = np.arange(len(order)) - np.repeat(np.cumsum(size) - size, size)
+    return Selection(points.taken(np.sort(order[rank < np.repeat(wanted, size)])), {})
 
 
-def flatness(xyz: Matrix) -> npt.NDArray[np.float32]:
-    """(N,) up to 1 for points (N, 3): 1 where the neighbours of a point lie on a plane."""
-    import small_gicp
-
-    around = np.ascontiguousarray(xyz - xyz.mean(axis=0))
-    tree, near = small_gicp.KdTree(around), min(NEIGHBOURS, len(xyz))
-    found = np.empty(len(xyz), np.float32)
-    for begin in range(0, len(xyz), 100_000):
-        part = around[begin : begin + 100_000]
-        neighbours = around[np.asarray(tree.batch_knn_search(part, near, 1)[0], np.int64)]
-        off = neighbours - neighbours.mean(axis=1, keepdims=True)
-        values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", off, off))
-        found[begin : begin + len(part)] = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-9))
+def allotted(weights: Floats, size: Ints, count: int) -> Ints:
+    """Whole numbers in proportion to the weights (G,), at most `size` (G,), with a sum of `count`. What rounding leaves
+    goes to the next group, so that groups side by side get what one of them alone would not."""
+    low, high = 0.0, count / max(float(weights.min()), 1e-9)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if np.minimum(size, middle * weights).sum() > count else (middle, high)
+    sums = np.floor(np.cumsum(np.minimum(size, low * weights)) + 0.5).astype(np.int64)
+    found: Ints = np.minimum(np.diff(np.minimum(sums, count), prepend=0), size)
     return found
 
 
-def _flattest(flat: npt.NDArray[np.float32], group: npt.NDArray[np.int32], share: float) -> npt.NDArray[np.intp]:
-    """Places of a share of the points of each group, at least one, those of the largest flatness."""
-    order = np.lexsort((-flat, group))
-    sizes = np.bincount(group)
-    rank = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    found: npt.NDArray[np.intp] = np.sort(order[rank < np.ceil(share * np.repeat(sizes, sizes))])
-    return found
-
-
-def _facing(points: MapPoints) -> npt.NDArray[np.int32]:
+def _facing(points: MapPoints) -> Ints:
     """(N,) direction of each point, 0 to 4; all 0 without normals."""
     normals = points.normals
     if normals is None:
-        return np.zeros(len(points), np.int32)
-    sector = np.floor(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 4) + 0.5).astype(np.int32) % 4
-    return np.where(normals[:, 2] > UP, 0, 1 + sector).astype(np.int32)
+        return np.zeros(len(points), np.int64)
+    sector = np.floor(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 4) + 0.5).astype(np.int64) % 4
+    return np.where(normals[:, 2] > UP, 0, 1 + sector)
 
 
-def _groups(points: MapPoints, facing: npt.NDArray[np.int32], count: int) -> tuple[npt.NDArray[np.int32], int]:
-    """Group of each point, and their number: cubes of a size at which there are about `count` groups."""
-    low, high = 0.2, 200.0
-    for _ in range(16):
-        middle = float(np.sqrt(low * high))
-        groups = len(np.unique(_keys(points, facing, middle)))
-        low, high = (middle, high) if groups > count else (low, middle)
-    _, at = np.unique(_keys(points, facing, high), return_inverse=True)
-    return at.astype(np.int32), int(at.max(initial=-1)) + 1
-
-
-def _keys(points: MapPoints, facing: npt.NDArray[np.int32], width: float) -> npt.NDArray[np.int64]:
-    cells = np.floor(points.xyz / width).astype(np.int64)
-    cells -= cells.min(axis=0)
-    spans = cells.max(axis=0) + 1
-    numbers = (cells[:, 2] * spans[1] + cells[:, 1]) * spans[0] + cells[:, 0]
-    keys: npt.NDArray[np.int64] = numbers * DIRECTIONS + facing
-    return keys
+def _groups(points: MapPoints, facing: Ints) -> tuple[Ints, Ints]:
+    """Group of each point (N,), and direction of each group (G,)."""
+    cells = np.floor(points.xyz / CUBE_M).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    spans = cells.max(axis=0, initial=0) + 1
+    keys, group = np.unique(
+        ((cells[:, 2] * spans[1] + cells[:, 1]) * spans[0] + cells[:, 0]) * DIRECTIONS + facing, return_inverse=True
+    )
+    return group.reshape(-1).astype(np.int64), (keys % DIRECTIONS).astype(np.int64)

@@ -2,7 +2,6 @@
 
 #include "base/error.hpp"
 #include "bindings.hpp"
-#include "maps/cover.hpp"
 #include "maps/points.hpp"
 
 namespace {
@@ -59,26 +58,4 @@ void bind_maps(nb::module_& m) {
       },
       nb::arg("data"), nb::arg("count"), nb::arg("levels"), nb::arg("cell"), nb::arg("reach"), nb::arg("bits"),
       "(N, 3) uint32 points and (N, columns) uint16 values of a tile.");
-  m.def(
-      "greedy_cover",
-      [](In<std::int32_t, 1> first, In<std::int32_t, 1> last, In<std::int32_t, 1> group, std::size_t rows,
-         std::size_t groups, double enough, double spread, std::size_t most) {
-        std::vector<std::int32_t> taken;
-        {
-          nb::gil_scoped_release release;
-          taken = lidarcodec::greedy_cover({{first.data(), first.size()},
-                                            {last.data(), last.size()},
-                                            {group.data(), group.size()},
-                                            rows,
-                                            groups,
-                                            enough,
-                                            spread},
-                                           most);
-        }
-        const std::size_t size = taken.size();
-        return give(std::move(taken), {size});
-      },
-      nb::arg("first").noconvert(), nb::arg("last").noconvert(), nb::arg("group").noconvert(), nb::arg("rows"),
-      nb::arg("groups"), nb::arg("enough"), nb::arg("spread"), nb::arg("most"),
-      "(K,) int32, the points to keep, the best first: see maps/cover.hpp.");
 }
