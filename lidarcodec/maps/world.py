@@ -38,8 +38,9 @@ LEAST_NOISE_M: Final = 0.01
 INFLATED: Final = 10.0
 """Factor of the covariance: returns side by side err alike, because they meet the same plane of the map. Measured: with
 it, errors of tracked scans are as large as their standard deviations say."""
-ROBUST_M: Final = 0.1
-"""Where the weight of a residual begins to fall: Huber's threshold."""
+ROBUST_M, ROBUST_SHARE = 0.1, 0.0
+"""Where the weight of a residual begins to fall, Huber's threshold: at least so much, and a share of the distance of
+partners, because a start that is metres off leaves large residuals."""
 
 
 class Prior(NamedTuple):
@@ -105,11 +106,12 @@ class MapWorld:
         return pose
 
     def _stepped(self, source: Matrix, pose: Matrix, stage: Stage, prior: Prior | None) -> Matrix:
+        robust = max(ROBUST_M, ROBUST_SHARE * stage.distance_m)
         for _ in range(stage.iterations):
             off, slopes = self._matched(source, pose, stage.distance_m)
             if len(off) < FEWEST:
                 break
-            weights = ROBUST_M / np.maximum(np.abs(off), ROBUST_M)
+            weights = robust / np.maximum(np.abs(off), robust)
             system, slope = _system(off, slopes, weights)
             system += 1e-6 * np.eye(6)
             if prior is not None:

@@ -59,6 +59,25 @@ def test_a_drive_is_found_in_its_map_and_its_poses_are_written(street, start, tm
     assert max(off) < 0.05
 
 
+def test_scans_are_looked_for_in_a_map_whole_and_thinned(street):
+    ran = run_here("evaluate", "localisation", SOURCE, "--map", street, "--stride", 2, "--json")
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    check("evaluate localisation", found)
+    assert [(one["scans"], one["of"], one["lost"], one["lost_steps"]) for one in found] == [
+        ("whole", 2, 0, []), ("2 %", 2, 0, []),
+    ]  # fmt: skip
+    assert found[0]["mate_m"] < 0.05
+    for words, named in (
+        (["--map", street, "--map", "whole"], "--map whole"),
+        (["--map", street, "--codec", "zstd"], "--codec"),
+        (["--map", "absent.lcmap"], "absent.lcmap"),
+    ):
+        ran = run_here("evaluate", "localisation", SOURCE, *words)
+        assert ran.returncode in (1, 2)
+        assert named in the_one_line(ran)
+
+
 def test_a_live_stream_is_found_and_its_poses_are_on_a_key(street, start, capsys):
     """The vehicle says about where it is, so that no search is needed."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"

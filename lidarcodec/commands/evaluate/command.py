@@ -9,6 +9,7 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.results.about import Interrupted
+from lidarcodec.commands.results.maps import FoundInMap
 from lidarcodec.commands.results.measured import Detected, Localised
 from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, Force
@@ -22,7 +23,7 @@ def _group() -> None:
 
 
 @app.command()
-@prints(list[Localised | Interrupted])
+@prints(list[Localised | FoundInMap | Interrupted])
 def localisation(
     sources: Annotated[
         list[str],
@@ -60,9 +61,9 @@ def localisation(
         list[str] | None,
         Option(
             "--map",
-            metavar="whole|own",
+            metavar="whole|own|MAP.lcmap",
             help="Build the map from all returns (whole) or from the returns that were sent "
-            "(own). Repeatable. Default: whole.",
+            "(own), or take one of `map build`. Repeatable. Default: whole.",
         ),
     ] = None,
     receivers: Annotated[
@@ -111,6 +112,19 @@ def localisation(
     as_json: AsJson = False,
 ) -> None:
     """Localise drives with reduced and coded scans only. Print the errors, and how often the position was lost."""
+    if any(name.endswith(".lcmap") for name in maps or ()):
+        from lidarcodec.commands.evaluate import in_map
+
+        asked = in_map.Asked(sources, maps or [], stride, seed, frames, skip, calibration, poses)
+        asked.check(
+            {
+                "--reduction": reduction, "--codec": codec, "--set": pairs, "--frame-bytes": frame_bytes,
+                "--receiver": receivers, "--localiser": localisers, "--protocol": protocols, "--sweep": sweep,
+                "--cache": cache, "--plots": plots,
+            }
+        )  # fmt: skip
+        in_map.run(asked, as_json)
+        return
     from lidarcodec.commands.evaluate import localisation as command
 
     command.run(

@@ -104,3 +104,21 @@ class Located(TypedDict):
     damaged_tiles: Annotated[int, "tiles of the map that could not be decoded"]
     output: Annotated[str | None, "of `--out`: the file of poses"]
     received: Annotated[dict[str, Any] | None, "how a live stream was received, as of `subscribe`"]
+
+
+class FoundInMap(TypedDict):
+    """Of `evaluate localisation --map MAP.lcmap`: one drive in one map, with whole or thinned scans."""
+
+    source: Annotated[str, "the drive"]
+    map: Annotated[str, "the file of the map"]
+    scans: Annotated[str, "`whole`, or `2 %`: of the returns, as the authors of map compression thin them"]
+    of: Annotated[int, "scans that were looked for, each from where the one before was found"]
+    lost: Annotated[int, "those that ended more than 1 m or 4 degrees off"]
+    bad: Annotated[int, "those that ended more than 0.5 m or 2 degrees off"]
+    mate_m: Annotated[float | None, "mean distance from the true place, without bad ones"]
+    mate_m_error: Annotated[float | None, "its standard error"]
+    angle_deg: Annotated[float | None, "mean angle, without bad ones"]
+    p95_m: Annotated[float | None, "95th percentile of all distances"]
+    errors_m: Annotated[list[float], "distance of each step"]
+    errors_deg: Annotated[list[float], "angle of each step"]
+    lost_steps: Annotated[list[int], "frames that were lost"]
