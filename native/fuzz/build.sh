@@ -8,12 +8,12 @@ here=$(cd "$(dirname "$0")" && pwd)
 clangxx=${CLANGXX:-$(command -v clang++-14 || command -v clang++ || { echo "libFuzzer needs clang++: install it, or name it in CLANGXX" >&2; exit 1; })}
 flags="-std=c++20 -O2 -g -ffp-contract=off -fno-sanitize-recover=undefined -I$here/../src -I$here"
 # Values that are compared are not followed: coded bytes hold no magic numbers, and to follow them takes a third of the time.
-checks="-fno-sanitize-coverage=trace-cmp -fsanitize-coverage-ignorelist=$here/not_followed.txt -fsanitize-ignorelist=$here/not_checked.txt"
+checks="-fno-sanitize-coverage=trace-cmp -fsanitize-coverage-ignorelist=$here/parts/not_followed.txt -fsanitize-ignorelist=$here/parts/not_checked.txt"
 mkdir -p "$out/core"
 for source in $(find "$here/../src" -name '*.cpp'); do
   case $source in */simulator/* | */udp_*) continue ;; esac  # no harness needs these
   object="$out/core/$(basename "$(dirname "$source")")-$(basename "$source" .cpp).o"
-  if [ ! "$object" -nt "$source" ] || [ -n "$(find "$here/../src" "$here"/build.sh "$here"/*.txt \( -name '*.hpp' -o -path "$here/*" \) -newer "$object")" ]; then
+  if [ ! "$object" -nt "$source" ] || [ -n "$(find "$here/../src" "$here"/build.sh "$here"/parts/*.txt \( -name '*.hpp' -o -path "$here/*" \) -newer "$object")" ]; then
     echo "$source" "$object"
   fi
 done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-link,address,undefined '"$checks"' -c "$1" -o "$2"' "$clangxx"

@@ -120,6 +120,23 @@ def intensities(rng: np.random.Generator) -> Iterator[bytes]:
                 yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
 
 
+def layers(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_layers: refined ranges of all steps, exact and not, of bases that are everywhere the same or slopes."""
+    for width, pattern, turned, mixed in _ways(12):
+        of, kind = Geometry.of(width, pattern, turned, mixed=mixed), 4 if mixed else 0
+        level = (np.arange(LASERS) * turned % 1001).astype(np.int32)
+        for holes, spread in ((0, 64), (100, 71), (255, 3)):
+            returns = of.returns(holes)
+            at = np.arange(returns.size).reshape(returns.shape)
+            base = ((1 + (spread * 257 + at * (spread % 16)) % 65535) * returns).astype(np.uint16)
+            for wide, fine in ((24, 0), (0, 0), (24, 5), (400, 0)):
+                steps = 3 + 2 * wide, 1 + 2 * (fine % (wide + 1))
+                by = rng.integers(-(wide + 1), wide + 2, base.shape)
+                ranges = np.where(base > 0, (base.astype(int) + by).clip(1, 65535), 0).astype(np.uint16)
+                section = _native.encode_refinement(ranges, base, *of.given, level, *steps, 300)
+                yield struct.pack(">H4B3HB", width, pattern, holes, turned, kind, wide, fine, 300, spread) + section
+
+
 def levels(rng: np.random.Generator) -> Iterator[bytes]:
     """For fuzz_levels, which takes intensities as they are: few and many, in any number of levels."""
     for width, pattern, turned, mixed in _ways(12):
@@ -301,6 +318,7 @@ HARNESSES = {
     "fuzz_mask": masks,
     "fuzz_keep": keeps,
     "fuzz_intensity": intensities,
+    "fuzz_layers": layers,
     "fuzz_levels": levels,
     "fuzz_predictive": ranges,
     "fuzz_free": free_ranges,

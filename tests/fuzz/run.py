@@ -86,6 +86,7 @@ def targets() -> dict[str, Target]:
     """Everything that is fuzzed, by name."""
     from tests.fuzz.files import capture_target, recording_target, rosbag_target  # they need the readers; kept apart
     from tests.fuzz.images import image_targets
+    from tests.fuzz.layers import refinement_target
     from tests.fuzz.sensors import sensor_targets
     from tests.fuzz.weights import weights_target
 
@@ -93,7 +94,7 @@ def targets() -> dict[str, Target]:
     for codec in table.names():
         found[f"{codec} messages"] = message_target(codec)
     files = {"captures": capture_target(), "recordings": recording_target(), "bags": rosbag_target()}
-    return found | image_targets() | files | {"riddle weights": weights_target()} | sensor_targets()
+    return found | image_targets() | files | {"riddle weights": weights_target(), "refinements": refinement_target()} | sensor_targets()
 
 
 def peak_mib() -> int:

@@ -169,7 +169,8 @@ class Refiner {
     const std::uint32_t coded = coder_.cell(model_, known, at, base - level, half_, cell_of);
     const std::int32_t cell =
         sign < 0 ? 2 * middle - static_cast<std::int32_t>(coded) : static_cast<std::int32_t>(coded);
-    const std::int32_t range = std::clamp(base - level + (cell - middle) * fine, 1, 65535);
+    const std::int32_t place = std::clamp((cell - middle) * fine, -half_, half_);
+    const std::int32_t range = std::clamp(base - level + place, 1, 65535);
     coder_.found(at, static_cast<std::uint16_t>(range));
     return range + level;
   }
