@@ -14,17 +14,16 @@ from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Layered, Learning, Steered
+from lidarcodec.codecs.base import Choosing, Decoder, Encoder, Learning, Steered
 from lidarcodec.codecs.other_sensors import KINDS, check_for, other_decoder, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
-from lidarcodec.layers import RefinableFrame
+from lidarcodec.layers.refinable import RefinableFrame, check_layers, refinable_of
 from lidarcodec.message import Message, SectionType
 from lidarcodec.mounting.stream import MountMemory, MountNotes, mounted
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
-from lidarcodec.planes.intensity import Quality
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.image_curve import PROBED, PROBED_BOUND_M, PROBED_CODEC, ImageKind, kind_of
@@ -116,7 +115,7 @@ class StreamEncoder:
         self.settings = self._resolved(self._asked)
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._reducing, self._thinning = Reducing(self.settings), Thinning(self.settings)
-        self._encoder = make_encoder(self.settings.base, self.stream_id)
+        self._encoder = self._made(self.settings)
         self._rate = self._rate_control(self.settings)
         self._other: Encoder | None = None
         """Codes frames of other sensors than the HDL-64E."""
@@ -153,7 +152,7 @@ class StreamEncoder:
             other = self._make_other(settings, self.stream_id)
         fresh = self._encoder
         if settings.codec != self.settings.codec:
-            fresh = self._make_encoder(settings.base, self.stream_id)
+            fresh = self._made(settings)
         self._held += self._flushed()
         self._encoder = fresh
         self._hdl64e, self._other, self.settings = sensor.is_hdl64e, other, settings
@@ -204,20 +203,17 @@ class StreamEncoder:
             return [self._mounts.noted(message) for message in self._other.encode(frame, key=key)]
         messages = self._encoder.encode(thinned(frame), key=key)
         if self.settings.base_error_m is not None:
-            self.refinable = self._refinable(frame)
+            self.refinable = refinable_of(self._encoder, frame, self.settings, self.stream_id)
         self._lattices.goes_in(frame)
         return [self._noted(message) for message in messages]
 
     def _noted(self, message: Message) -> Message:
         return self._mounts.noted(self._lattices.noted(message))
 
-    def _refinable(self, frame: Frame) -> RefinableFrame | None:
-        encoder, settings = self._encoder, self.settings
-        ranges = encoder.decoded_ranges() if isinstance(encoder, Layered) else None
-        if ranges is None or frame.keep is not None:  # refinements bring all returns
-            return None
-        exact = settings.step == 1 and not Quality.of(settings).lossless
-        return RefinableFrame(frame, ranges, self.stream_id, settings.base.step, settings.step, exact)
+    def _made(self, settings: StreamSettings) -> Encoder:
+        made = self._make_encoder(settings.base, self.stream_id)
+        check_layers(made, settings)
+        return made
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
@@ -232,13 +228,14 @@ class StreamEncoder:
         if other is not self._other and self._other is not None:
             self._held += self._flushed()
         if checked.codec == self.settings.codec:
+            check_layers(self._encoder, checked)
             key = self._encoder.apply(checked.base)
             if self._rate is not None and checked.target_kbps is not None:
                 self._rate.apply(checked)
             else:
                 self._rate = self._rate_control(checked, images=self._images)
         else:
-            fresh = self._make_encoder(checked.base, self.stream_id)
+            fresh = self._made(checked)
             self._held += self._flushed()
             self._rate = self._rate_control(checked, self._rate, self._images)
             self._encoder, key = fresh, True

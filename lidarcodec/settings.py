@@ -165,6 +165,8 @@ class StreamSettings(BaseModel):
                     f"base_error_m={self.base_error_m:g} is not above what refinements reach: give a larger one, of at "
                     "least 0.002 m"
                 )
+            if self.codec == AUTO:
+                raise ValueError("codec auto sends one layer: name a codec with base_error_m")
             if self.target_kbps is not None:
                 raise ValueError("base_error_m sets the bound of the base: leave target_kbps out")
             if self.reduces:

@@ -11,6 +11,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -18,6 +19,7 @@ from lidarcodec.apps.once import Once
 from lidarcodec.apps.spot_check import SpotCheck
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.layers import SECTORS, is_refinement
 from lidarcodec.message import Message
 from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet
@@ -31,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 RecordAs = Literal["packets", "lossless"]
 WAITING = 20
-"""Most frames that wait for the disk: two seconds, 9 MB."""
+"""Most frames that wait for the disk: two seconds, 9 MB. A frame may have refinements beside its message."""
 CLOSE_LIMIT_S = 10.0
 LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
@@ -85,6 +87,7 @@ class BackgroundRecorder:
         self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, metadata=said, **limits)
         self._encoder: StreamEncoder | None = None
         self._queue: deque[bytes | list[Packet] | Frame | Cloud] = deque()
+        self._load = Fraction(0)
         self._condition = threading.Condition()
         self._closed = False
         self._once = Once(logger)
@@ -97,7 +100,7 @@ class BackgroundRecorder:
         self._thread.start()
 
     def message(self, data: bytes) -> None:
-        """Record one message, packed by `wire.pack`."""
+        """Record one message, packed by `wire.pack`, or one refinement, packed by `layers.pack`."""
         self._put(data)
 
     def packets(self, packets: Sequence[Packet]) -> None:
@@ -151,8 +154,9 @@ class BackgroundRecorder:
         with self._condition:
             if self._closed:
                 return
-            if len(self._queue) >= WAITING:
-                self._queue.popleft()
+            self._load += _load(item)
+            while self._load > WAITING:
+                self._load -= _load(self._queue.popleft())
                 self._own["dropped"] += 1
             self._queue.append(item)
             self._condition.notify()
@@ -165,6 +169,7 @@ class BackgroundRecorder:
                     if not self._queue:
                         break
                     item = self._queue.popleft()
+                    self._load -= _load(item)
                 try:
                     self._write(item)
                 except LidarCodecError as error:
@@ -176,7 +181,9 @@ class BackgroundRecorder:
             self._files.close()
 
     def _write(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
-        if isinstance(item, bytes):
+        if isinstance(item, bytes) and is_refinement(item):
+            self._files.write_refinement(item)
+        elif isinstance(item, bytes):
             self._files.write(item)
         elif isinstance(item, list):
             self._files.write_packets(item)
@@ -189,3 +196,8 @@ class BackgroundRecorder:
             for message in messages:
                 self._files.write(pack(message))
             self._recorded.offer(item, LOSSLESS, messages)
+
+
+def _load(item: bytes | list[Packet] | Frame | Cloud) -> Fraction:
+    """What an item is of a frame: all refinements of a frame are one more."""
+    return Fraction(1, SECTORS) if isinstance(item, bytes) and is_refinement(item) else Fraction(1)

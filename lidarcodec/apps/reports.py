@@ -16,6 +16,7 @@ from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 _ARRIVAL = struct.Struct("<QqQIQ")
+_REFINED = struct.Struct("<QIB")
 EARLIER = 64
 """Number of earlier indices in an arrival report."""
 MAX_REPORT_BYTES = 4096
@@ -96,6 +97,7 @@ STATUS_FIELDS = frozenset(
         "certificate",
         "gate",
         "reports",
+        "refinements",
     )
 )
 """Fields of a publisher's status that receivers use."""
@@ -129,6 +131,24 @@ def pack_arrival(arrival: Arrival) -> bytes:
 def read_arrival(data: bytes) -> Arrival | None:
     """An arrival report; None if the bytes are not one."""
     return Arrival(*_ARRIVAL.unpack_from(data)) if len(data) >= _ARRIVAL.size else None
+
+
+class Refined(NamedTuple):
+    """Arrival report of a refinement. checksum: of its message"""
+
+    frame_index: int
+    checksum: int
+    sector: int
+
+
+def pack_refined(report: Refined) -> bytes:
+    """Bytes of an arrival report of a refinement: 13 bytes, little endian (u64, u32, u8)."""
+    return _REFINED.pack(*report)
+
+
+def read_refined(data: bytes) -> Refined | None:
+    """An arrival report of a refinement; None if the bytes are not one."""
+    return Refined(*_REFINED.unpack_from(data)) if len(data) >= _REFINED.size else None
 
 
 def read_status(data: bytes) -> dict[str, Any]:

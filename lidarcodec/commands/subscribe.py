@@ -32,6 +32,7 @@ def run(
     given: Given,
     as_json: bool,
     with_clouds: bool = False,
+    refine: bool = False,
 ) -> None:
     """Receive until a signal arrives, `frames` frames have come, or, with `until_end`, the publisher has stopped.
 
@@ -39,8 +40,9 @@ def run(
     """
     endpoints, stream = endpoints_of(given), key.removeprefix(f"{PREFIX}/")
     live = LiveStream(
-        key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end
-    )
+        key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end,
+        refine=refine,
+    )  # fmt: skip
     show = sys.stderr.isatty()
     count = 0
     with live, stoppable(live.interrupt) as stopped:
@@ -80,4 +82,12 @@ def line_of(summary: dict[str, Any]) -> str:
     return (
         f"{summary.get('frames', 0)} frames, {summary['fps'] or 0:.1f} a second, {summary.get('bytes', 0):,} bytes, "
         f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
+        + _refined(summary["refinements"])
     )
+
+
+def _refined(counts: dict[str, int] | None) -> str:
+    if counts is None:
+        return ""
+    whole, part, base = (counts.get(name, 0) for name in ("whole", "part", "base"))
+    return f"; {whole} refined whole, {part} in part, {base} base only"

@@ -9,12 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec._native import crc32c
+from lidarcodec.codecs.base import Encoder, Layered
 from lidarcodec.entropy import columns_in_turn
+from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.layers.intensities import encode_exact
 from lidarcodec.layers.message import Refinement, pack
 from lidarcodec.layers.ranges import LayerSteps, encode_refined
 from lidarcodec.layers.sectors import columns_of, nearest_ahead, part_of
+from lidarcodec.planes.intensity import Quality
+from lidarcodec.settings import StreamSettings
 
 _LONGEST_TURN = 65535
 
@@ -80,3 +84,18 @@ class RefinableFrame:
     @cached_property
     def _turn(self) -> int:
         return min(columns_in_turn(self.frame.azimuth) or self.frame.width, _LONGEST_TURN)
+
+
+def check_layers(encoder: Encoder, settings: StreamSettings) -> None:
+    """Raise SettingsError for layers of an encoder that does not tell what a decoder gets."""
+    if settings.base_error_m is not None and not isinstance(encoder, Layered):
+        raise SettingsError("base_error_m needs a codec in this process: leave isolate=always out", "base_error_m")
+
+
+def refinable_of(encoder: Encoder, frame: Frame, settings: StreamSettings, stream_id: int) -> RefinableFrame | None:
+    """The frame that the encoder just coded as a base, to code refinements of it; None if there can be none."""
+    ranges = encoder.decoded_ranges() if isinstance(encoder, Layered) else None
+    if ranges is None or frame.keep is not None:  # refinements bring all returns
+        return None
+    exact = settings.step == 1 and not Quality.of(settings).lossless
+    return RefinableFrame(frame, ranges, stream_id, settings.base.step, settings.step, exact)

@@ -110,6 +110,17 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.counts["frames"] += header.frame_count if recorded else 0
         return recorded
 
+    def write_refinement(self, data: bytes) -> bool:
+        """Record one refinement, packed by `layers.pack`, in the current file. Returns whether it was recorded.
+
+        Raises DecodeError for bytes that are not a refinement.
+        """
+        self._look_after_file()
+        if self._writer is None and self.stopped is None:
+            self.counts["waiting for a key message"] += 1
+            return False
+        return self._add(len(data), lambda writer: writer.write_refinement(data), what="refinements")
+
     def write_packets(self, packets: Sequence[Packet]) -> bool:
         """Record a batch of raw packets. Returns whether it was recorded. A file may begin with any batch."""
         if not packets:

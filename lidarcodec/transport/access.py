@@ -129,9 +129,9 @@ def _under(prefix: str, *ends: str) -> list[str]:
 def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """What a vehicle may do under its own keys."""
     controls = _under(own, "control/get", "control/set", "control/reset", "control/keyframe", "past", "past/mark")
-    reports = _under(own, "arrived/*", "report/*", "pose/*", "odometry")
+    reports = _under(own, "arrived/*", "refined/*", "report/*", "pose/*", "odometry")
     return (
-        (PUTTING, ["ingress"], _under(own, "frame", "status", "odometry")),
+        (PUTTING, ["ingress"], _under(own, "frame", "refine/*", "status", "odometry")),
         (["declare_queryable", "reply"], ["ingress"], controls),
         (["liveliness_token"], ["ingress"], _under(own, "alive")),
         (["declare_subscriber"], ["ingress"], reports),
@@ -140,18 +140,18 @@ def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
         (["query"], ["egress"], controls),
         (["liveliness_token"], ["egress"], _under(own, "arrived/*")),
         # For all streams: without declarations of all subscribers the vehicle would send nothing.
-        (["declare_subscriber"], ["egress"], _under(ANY, "frame", "status", "odometry")),
+        (["declare_subscriber"], ["egress"], _under(ANY, "frame", "refine/*", "status", "odometry")),
     )
 
 
 def _looking() -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """Rules of every receiver, for all streams."""
     return (
-        (["declare_subscriber"], ["ingress"], _under(ANY, "frame", "status", "odometry", "pose/*")),
-        (PUTTING, ["egress"], _under(ANY, "frame", "status", "odometry", "pose/*")),
+        (["declare_subscriber"], ["ingress"], _under(ANY, "frame", "refine/*", "status", "odometry", "pose/*")),
+        (PUTTING, ["egress"], _under(ANY, "frame", "refine/*", "status", "odometry", "pose/*")),
         (WATCHING, ["ingress"], _under(ANY, "alive")),
         (["liveliness_token"], ["egress"], _under(ANY, "alive")),
-        (["declare_subscriber"], ["egress"], _under(ANY, "arrived/*", "report/*", "pose/*")),
+        (["declare_subscriber"], ["egress"], _under(ANY, "arrived/*", "refined/*", "report/*", "pose/*")),
         *_asking(["control/get", "control/keyframe"]),
     )
 
@@ -168,6 +168,6 @@ def _asking_for(keys: list[str]) -> tuple[tuple[list[str], list[str], list[str]]
 def _reporting(name: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """Rules for the reports of a receiver, under its own name."""
     return (
-        (PUTTING, ["ingress"], _under(ANY, f"arrived/{name}", f"report/{name}", f"pose/{name}")),
+        (PUTTING, ["ingress"], _under(ANY, *(f"{key}/{name}" for key in ("arrived", "refined", "report", "pose")))),
         (["liveliness_token"], ["ingress"], _under(ANY, f"arrived/{name}")),
     )

@@ -94,6 +94,14 @@ class StreamKeys:
         """Query: keep a part of the past from being overwritten."""
         return f"{self.prefix}/past/mark"
 
+    def refine(self, sector: int | str = "*") -> str:
+        """Refinements of one sector (0 to 11), or of all."""
+        return f"{self.prefix}/refine/{sector}"
+
+    def refined(self, receiver: str = "*") -> str:
+        """Arrival reports of refinements, from one receiver or from all."""
+        return f"{self.prefix}/refined/{receiver if receiver == '*' else valid_name(receiver, 'receiver')}"
+
     @property
     def alive(self) -> str:
         """Liveliness token of the publisher."""

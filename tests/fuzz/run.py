@@ -94,7 +94,8 @@ def targets() -> dict[str, Target]:
     for codec in table.names():
         found[f"{codec} messages"] = message_target(codec)
     files = {"captures": capture_target(), "recordings": recording_target(), "bags": rosbag_target()}
-    return found | image_targets() | files | {"riddle weights": weights_target(), "refinements": refinement_target()} | sensor_targets()
+    more = {"riddle weights": weights_target(), "refinements": refinement_target()}
+    return found | image_targets() | files | more | sensor_targets()
 
 
 def peak_mib() -> int:

@@ -90,11 +90,13 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
     seen, asked, receivers, heard = [], [], [], []
     anna.watch("lidarcodec/v1/*/*/alive", lambda key, alive: seen.append((key, alive)))
     anna.listen(CAR.status, lambda key, data: heard.append(data))
+    anna.listen(CAR.refine(), lambda key, data: heard.append(data))
     inbox = anna.inbox(CAR.frame)
     answering(car, CAR, asked)
     car.watch(CAR.arrived(), lambda key, alive: receivers.append(key))
     car.listen(CAR.arrived(), lambda key, data: heard.append(data))
     car.listen(CAR.report(), lambda key, data: heard.append(data))
+    car.listen(CAR.refined(), lambda key, data: heard.append(data))
     car.listen(CAR.pose(), lambda key, data: heard.append(data))
     olga.listen(CAR.pose(), lambda key, data: heard.append(b"pose for olga"))
     anna.listen(CAR.odometry, lambda key, data: heard.append(data))
@@ -102,18 +104,18 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
     frames, status = car.sender(CAR.frame, Priority.FRAMES), car.sender(CAR.status, Priority.STATUS)
     arrived = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
     report = anna.sender(CAR.report("anna"), Priority.STATUS)
+    refine, refined = car.sender(CAR.refine(3), Priority.BESIDE), anna.sender(CAR.refined("anna"), Priority.REAL_TIME)
     pose, odometry = anna.sender(CAR.pose("anna"), Priority.STATUS), car.sender(CAR.odometry, Priority.STATUS)
     anna.token(CAR.arrived("anna"))
     for sender, data in (
         (frames, b"frame"), (status, b"status"), (arrived, b"arrived"), (report, b"report"), (pose, b"pose"),
-        (odometry, b"odometry"),
+        (odometry, b"odometry"), (refine, b"sector"), (refined, b"refined"),
     ):  # fmt: skip
         assert eventually(lambda sender=sender: sender.matching), data
         sender.put(data)
     assert inbox.receive() == b"frame"
-    assert eventually(
-        lambda: set(heard) == {b"status", b"arrived", b"report", b"pose", b"pose for olga", b"odometry"}
-    ), heard
+    told = {b"status", b"arrived", b"report", b"pose", b"pose for olga", b"odometry", b"sector", b"refined"}
+    assert eventually(lambda: set(heard) == told), heard
     assert eventually(lambda: receivers == [CAR.arrived("anna")])
     assert eventually(lambda: seen == [(CAR.alive, True)])
     asks = ((anna, CAR.control_get), (anna, CAR.control_keyframe), (olga, CAR.control_set), (olga, CAR.control_reset))

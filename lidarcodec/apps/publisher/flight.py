@@ -167,6 +167,13 @@ class Flight:
         with self._condition:
             return self._window()
 
+    @property
+    def rtt_s(self) -> float | None:
+        """Round trip to the followed receiver; None if nobody is followed."""
+        with self._condition:
+            name = self._following()
+            return None if name is None else self._rtt(name)
+
     def new_codec(self) -> None:
         """Allow more time for the next reports, as the receiver may have to start a decoder."""
         with self._condition:

@@ -29,6 +29,7 @@ from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.network import Network, OpenTransport
 from lidarcodec.apps.publisher.originals import Originals, check_local
 from lidarcodec.apps.publisher.path_times import LIMIT_S
+from lidarcodec.apps.publisher.refining import Refining
 from lidarcodec.apps.publisher.sending import Counters, Sending, SideOutputs
 from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed, Rate
 from lidarcodec.apps.publisher.status import StatusBoard
@@ -137,7 +138,8 @@ class Publisher:
             self._originals = Originals(self.keys, self.stream_id, self._once)
         self._board = StatusBoard(self.keys, self.stream_id, clock)
         counters = Counters(self._board, self._once)
-        side_outputs = SideOutputs(self._originals, self._recorder)
+        self._refining = Refining(self.keys, lambda: self._network.transport, self._flight, self._once)
+        side_outputs = SideOutputs(self._originals, self._recorder, self._refining)
         self._sending = Sending(
             self._coding, self._feed, self._flight, counters, self._stop, every=self._every, side_outputs=side_outputs
         )
@@ -259,6 +261,7 @@ class Publisher:
             **self._coding.state(),
             "path": self._sending.adapting.report(),
             "flight": self._flight.state(),
+            "refinements": self._refining.state(),
             "errors": dict(self._once.counts),
             "preparing": self._changes.preparing,
             "recording": None if self._recorder is None else self._recorder.state(),
@@ -319,6 +322,7 @@ class Publisher:
             if not self._stop.is_set():
                 self._failure = self._failure or told(error)
         finally:
+            self._refining.close()
             try:
                 for one in reversed(self._declared):  # the token first: receivers see the end after the last message
                     one.close()

@@ -12,6 +12,7 @@ from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.originals import Originals
 from lidarcodec.apps.publisher.references import References
+from lidarcodec.apps.publisher.refining import Refining
 from lidarcodec.apps.publisher.source import TICK_S, FrameFeed
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder
@@ -36,10 +37,12 @@ class Counters(NamedTuple):
 
 
 class SideOutputs(NamedTuple):
-    """Other outputs: `originals` gets frames before coding, `recorder` gets sent messages and decodes some again."""
+    """Other outputs: `originals` gets frames before coding, `recorder` gets sent messages and decodes some again,
+    `refining` gets frames whose base was sent."""
 
     originals: Originals | None = None
     recorder: BackgroundRecorder | None = None
+    refining: Refining | None = None
 
 
 class Sending:
@@ -119,6 +122,8 @@ class Sending:
         if not self._stop.is_set():
             self._flush(sender)
             self._flight.wait_landed(LAST_ARRIVAL_S)
+            if self._side_outputs.refining is not None:
+                self._side_outputs.refining.finish(LAST_ARRIVAL_S)
 
     def _coder_ready(self) -> bool:
         """Whether to take a frame from the mailbox. The last frame does not wait for a process that rests after
@@ -133,6 +138,9 @@ class Sending:
         now = time.monotonic()
         if self._side_outputs.originals is not None:
             self._side_outputs.originals.offer(frame)
+        refining = self._side_outputs.refining
+        if refining is not None:
+            refining.next_frame()
         self._coding.choosing.offer(frame)
         asked = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
         start = time.perf_counter()
@@ -145,7 +153,7 @@ class Sending:
                 self.adapting.aim(self._encoder, self._feed.replaced)
                 messages = self._encoder.encode(frame, key=key)
                 encoded, settings = self._encoder.reduced or frame, self._encoder.settings
-                left_out = self._encoder.left_out
+                left_out, refinable = self._encoder.left_out, self._encoder.refinable
             data = [(message, pack(message)) for message in messages]
         except Exception as error:  # after any error the stream continues with a key frame
             if self._stop.is_set():
@@ -161,6 +169,8 @@ class Sending:
             if number > 0:  # messages of the previous codec, which still held frames
                 self._wait_alone()
             self._put(sender, message, packed)
+        if refining is not None and not left_out:
+            refining.offer(refinable)
         if left_out:
             self._board.left_out += 1
         elif self._side_outputs.recorder is not None:

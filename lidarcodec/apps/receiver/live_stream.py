@@ -60,6 +60,7 @@ def subscribe(
     udp: str | None = None,
     record: str | Path | None = None,
     clouds: bool = False,
+    refine: bool = False,
     isolate: Isolate | None = None,
     clock: Clock = SYSTEM,
 ) -> LiveStream:
@@ -82,6 +83,7 @@ def subscribe(
         udp=udp,
         record=record,
         clouds=clouds,
+        refine=refine,
         isolate=isolate,
         clock=clock,
     )
@@ -104,6 +106,8 @@ class LiveStream:
     udp:        `HOST:PORT` to which the packets are sent, like the sensor's own stream. `?position=PORT` also sends
                 position packets; by default they go to port 8308 if PORT is 2368, and to 7503 if it is 7502
     record:     folder for the messages;  clouds: also record the points of each frame, for viewers
+    refine:     take refinements of a stream with `base_error_m`, and record them. A frame is given when it is refined
+                whole, or else when the next message comes: up to a frame later
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto` (those with native code that
                 may crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
     on_message: called with the bytes of every message, in the receive thread; must be quick and raise nothing
@@ -124,6 +128,7 @@ class LiveStream:
         udp: str | None = None,
         record: str | Path | None = None,
         clouds: bool = False,
+        refine: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
         on_message: Callable[[bytes], object] | None = None,
@@ -156,6 +161,7 @@ class LiveStream:
             until_end=until_end,
             isolate=isolate,
             clock=clock,
+            refine=refine,
         )
 
     # --- iteration --------------------------------------------------------------------------------------------------
@@ -270,6 +276,7 @@ class LiveStream:
             "worker": self._receiver.worker,
             "worker_restarts": self._receiver.worker_restarts,
             "replaced": self.replaced,
+            "refinements": None if (taken := self._receiver.refinements) is None else dict(taken.counts),
             "rtt_ms": self._receiver.rtt_ms,
             "udp": None if self._udp is None else dict(self._udp.counts),
             "recording": None if self._recorder is None else self._recorder.state(),

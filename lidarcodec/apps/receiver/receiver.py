@@ -22,6 +22,7 @@ from typing import Any
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.receiver.refinements import Refinements
 from lidarcodec.apps.receiver.round_trips import RoundTrips
 from lidarcodec.apps.receiver.stats import ReceiverStats
 from lidarcodec.apps.reports import Arrival, pack_arrival, read_status
@@ -65,6 +66,7 @@ class Receiver:
     until_end:  end when the publisher has left
     isolate:    which decoders run in a process of their own, as in `LiveStream`;  clock: the clocks of this machine
     failure:    the error that ended it, or None
+    refine:     whether to take refinements. A frame is then given when it is refined whole, or the next message comes
     decoding:   whether to decode messages; may change at any time. If not, messages are only counted, reported as
                 arrived and passed to on_message, and only `request_key` asks for key frames
     decoded:    the message of the frames that on_frame gets
@@ -85,6 +87,7 @@ class Receiver:
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
         decoding: bool = True,
+        refine: bool = False,
     ) -> None:
         """Raises SettingsError for an unknown choice of `isolate`."""
         self.keys, self.name = keys, name
@@ -101,6 +104,7 @@ class Receiver:
         self._declared: list[Closeable] = []
         self._slot: Mailbox[Message] = Mailbox()
         self._once = Once(logger)
+        self.refinements = Refinements(keys, name, on_frame, on_message, self._once) if refine else None
         self._isolation = Isolation(isolate, lambda error: self._once.add(f"worker {error.cause}", error))
         self._decoder = self._fresh_decoder()
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
@@ -166,6 +170,8 @@ class Receiver:
         self._slot.close()
         for one in reversed(self._declared):
             one.close()
+        if self.refinements is not None:
+            self.refinements.close()
         if self._own_transport and self._transport is not None:
             self._transport.close()
         self._isolation.close()
@@ -217,6 +223,8 @@ class Receiver:
         self._declared.append(transport.listen(keys.status, self._status_came))
         self._declared.append(transport.watch(keys.alive, self._publisher_changed))
         self._declared.append(transport.token(keys.arrived(self.name)))
+        if self.refinements is not None:
+            self._declared += self.refinements.declare(transport)
         if self._stop.is_set():
             inbox.close()
         return inbox, arrivals
@@ -257,10 +265,21 @@ class Receiver:
                 while not self._slot.finished:
                     message = self._slot.take(TICK_S)
                     if message is not None:
-                        for frame in self._frames_of(message):
-                            self._on_frame(frame)
+                        self._give(message)
+                if self.refinements is not None:
+                    self.refinements.flush()
         finally:
             self._on_end()
+
+    def _give(self, message: Message) -> None:
+        refinements = self.refinements
+        if refinements is not None:
+            refinements.flush()
+        for frame in self._frames_of(message):
+            if refinements is None:
+                self._on_frame(frame)
+            else:
+                refinements.base(frame, message)
 
     def _frames_of(self, message: Message) -> list[Frame]:
         if not self.decoding:

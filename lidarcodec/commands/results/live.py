@@ -42,6 +42,10 @@ class Received(TypedDict):
     decode_ms: Annotated[dict[str, float | None], "time to decode a frame: p50, p99"]
     errors: Annotated[dict[str, int], "messages that could not be used, by cause"]
     replaced: Annotated[int, "frames that a newer one replaced before they were taken"]
+    refinements: Annotated[
+        dict[str, int] | None,
+        "of `--refine`: sectors `taken`, `late`, `lost`; frames refined `whole`, in `part`, `base` alone",
+    ]
     udp: Annotated[dict[str, int] | None, "of `--udp`: what was sent"]
     recording: Annotated[dict[str, Any] | None, "of `--record`: its last `file`, why it `stopped`, and `counts`"]
 

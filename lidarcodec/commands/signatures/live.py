@@ -201,6 +201,10 @@ def subscribe(
         Path | None, Option("--record", metavar="DIR", help="Record the received messages into DIR.")
     ] = None,
     with_clouds: WithClouds = False,
+    refine: Annotated[
+        bool,
+        Option("--refine", help="Take refinements of a stream with base_error_m: exact packets, up to a frame later."),
+    ] = False,
     frames: FrameCount = None,
     until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")] = False,
     receiver: Annotated[
@@ -221,7 +225,7 @@ def subscribe(
         raise SettingsError("--with-clouds needs --record DIR: points are kept in recordings", "record")
     keep_standard_output()
     given = (connect or [], listen or [], zenoh_config)
-    command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
+    command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds, refine)
 
 
 @prints(Shown)

@@ -1,0 +1,151 @@
+"""Refinements: those of a live stream, put on decoded bases.
+
+    handler         refinement -> a few that wait
+    refine thread   report of the arrival -> recording -> the frame of its base
+
+Each base is held until all of its sectors are there, or the next message comes. So frames are given up to a frame later
+than without refinements.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Final
+
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.reports import Refined, pack_refined
+from lidarcodec.errors import DecodeError, TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame, Refinement, can_be_base, unpack
+from lidarcodec.message import Message
+from lidarcodec.recording.refinements import Refinements as Kept
+from lidarcodec.transport import Transport
+from lidarcodec.transport.base import Closeable, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import checksum_of
+
+WAITING: Final = 16
+"""Most refinements that wait for the thread; a publisher sends a few at once. Beyond that the oldest are lost."""
+_JOIN_S = 5.0
+
+
+class Refinements:
+    """Takes the refinements of one stream.
+
+    on_frame: called with each frame, refined as far as it is, in one of two threads, one at a time
+    on_refinement: called with the bytes of each refinement, in the refine thread
+    counts: sectors `taken`, and those that came too `late` for their frame or were `lost` here; frames refined `whole`,
+        in `part`, or not at all (`base`)
+    """
+
+    def __init__(
+        self,
+        keys: StreamKeys,
+        name: str,
+        on_frame: Callable[[Frame], object],
+        on_refinement: Callable[[bytes], object],
+        once: Once,
+    ) -> None:
+        self._keys, self._name, self._once = keys, name, once
+        self._on_frame, self._on_refinement = on_frame, on_refinement
+        self._waiting: deque[bytes] = deque(maxlen=WAITING)
+        self._condition = threading.Condition()
+        self._giving = threading.RLock()
+        self._held: RefinedFrame | None = None
+        self._newest: tuple[int, int] | None = None
+        self._kept = Kept()
+        self._closed = False
+        self.counts: Counter[str] = Counter()
+        self._thread: threading.Thread | None = None
+
+    def declare(self, transport: Transport) -> list[Closeable]:
+        """Begin to take refinements."""
+        reports = transport.sender(self._keys.refined(self._name), Priority.REAL_TIME)
+        self._thread = threading.Thread(target=self._run, args=(reports,), name="lidarcodec refine", daemon=True)
+        self._thread.start()
+        return [transport.listen(self._keys.refine(), self._came), reports]
+
+    def close(self) -> None:
+        """End the thread. A second call does nothing."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(_JOIN_S)
+
+    def flush(self) -> None:
+        """Give the held frame, if there is one."""
+        with self._giving:
+            held, self._held = self._held, None
+            if held is not None:
+                self.counts["whole" if held.whole else "part" if held.taken else "base"] += 1
+                self._on_frame(held.frame())
+
+    def base(self, frame: Frame, message: Message) -> None:
+        """A frame was decoded. It is given now, if nothing can refine it."""
+        if not can_be_base(message):
+            self._on_frame(frame)
+            return
+        with self._giving:
+            self._held = RefinedFrame(frame, message)
+            self._newest = (message.stream_id, message.frame_index)
+            for data in self._kept.take(message):
+                self._add(data)
+
+    def _came(self, key: str, data: bytes) -> None:
+        with self._condition:
+            self.counts["lost"] += len(self._waiting) == WAITING
+            self._waiting.append(data)
+            self._condition.notify()
+
+    def _run(self, reports: Sender) -> None:
+        undecoded: deque[tuple[Refinement, bytes]] = deque()
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: bool(self._waiting or undecoded) or self._closed)
+                if self._closed:
+                    return
+                waiting = list(self._waiting)
+                self._waiting.clear()
+            for data in waiting:  # all are reported before one is decoded: the publisher waits for the reports
+                try:
+                    one = unpack(data)  # checks the checksum before anything is counted
+                except DecodeError as error:
+                    self._once.add("refinement_errors", error)
+                    continue
+                try:
+                    reports.put(pack_refined(Refined(one.frame_index, checksum_of(data), one.sector)))
+                except TransportError as error:
+                    self._once.add("arrival_errors", error)
+                self._on_refinement(data)
+                undecoded.append((one, data))
+            while len(undecoded) > WAITING:
+                undecoded.popleft()
+                self.counts["lost"] += 1
+            if undecoded:
+                self._take(*undecoded.popleft())
+
+    def _take(self, one: Refinement, data: bytes) -> None:
+        with self._giving:
+            of = (one.stream_id, one.frame_index)
+            if self._held is not None and of == self._newest:
+                self._add(data)
+            elif self._newest is not None and of[0] == self._newest[0] and of[1] <= self._newest[1]:
+                self.counts["late"] += 1
+            else:  # its base is being decoded
+                self._kept.put(data)
+
+    def _add(self, data: bytes) -> None:
+        held = self._held
+        if held is None:
+            self.counts["late"] += 1
+            return
+        try:
+            self.counts["taken"] += held.add(unpack(data))
+        except DecodeError as error:
+            self._once.add("refinement_errors", error)
+        if held.whole:
+            self.flush()

@@ -1,0 +1,146 @@
+"""Refinements of a live stream: exact where they came, given up where the next frame came first, never passed off."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.refining import Refining
+from lidarcodec.apps.receiver.refinements import Refinements
+from lidarcodec.apps.reports import Refined, pack_refined
+from lidarcodec.assembly import packets_of
+from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.layers import pack, unpack
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import checksum_of
+from tests.apps.in_memory import live, publisher
+from tests.apps.streams import Loop
+from tests.layers.bases import Sent, sent, turn
+from tests.transport.test_contract import eventually
+
+KEYS = StreamKeys()
+LAYERS = StreamSettings(codec="pcodec", base_error_m=0.05, framing="packets")
+
+
+def logger_of(caplog=None):
+    """Counts errors."""
+    import logging
+
+    return Once(logging.getLogger("test"))
+
+
+def test_packets_are_exact_when_all_sectors_came_and_are_recorded_so(network, tmp_path):
+    with live(network, newest=False, until_end=True, refine=True, record=tmp_path, max_age_s=None) as stream:
+        with publisher(network, 3, LAYERS, rate=1.0) as car:
+            got = [packet.payload for frame in stream for packet in packets_of(frame)]
+            told = car.status()["refinements"]
+        summary = stream.summary()
+    assert got == Loop(3).payloads()
+    assert summary["refinements"] == {"taken": 36, "whole": 3, "lost": 0}
+    assert summary["errors"] == {}
+    assert {name: told[name] for name in ("frames", "whole", "sent", "arrived", "given_up")} == {
+        "frames": 3, "whole": 3, "sent": 36, "arrived": 36, "given_up": 0,
+    }  # fmt: skip
+    (path,) = tmp_path.glob("*.mcap")
+    recorded = RecordedFrames(path)
+    assert [packet.payload for frame in recorded for packet in packets_of(frame)] == got
+
+
+def test_who_does_not_ask_gets_the_base_and_nothing_is_coded_for_nobody(network):
+    with live(network, newest=False, until_end=True) as stream:
+        with publisher(network, 3, LAYERS, rate=10.0) as car:
+            got = [packet.payload for frame in stream for packet in packets_of(frame)]
+            told = car.status()["refinements"]
+        assert stream.summary()["refinements"] is None
+    assert len(got) == 3 * 348
+    assert got != Loop(3).payloads()
+    assert 1 <= told["no_receiver"] <= 3  # a frame may be replaced before anybody looks
+    assert told["sent"] == 0
+
+
+def test_the_rest_is_given_up_when_the_next_frame_comes(network):
+    car, other = network.end(), network.end()
+    flight = Flight()
+    refining = Refining(KEYS, lambda: car, flight, logger_of())
+    came: list[bytes] = []
+    other.listen(KEYS.refine(), lambda key, data: came.append(data))
+    reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
+    first, second = sent(), sent(turn(index=1))
+    refining.offer(first.refinable)
+    assert eventually(lambda: len(came) == 1)
+    time.sleep(0.1)
+    assert len(came) == 1  # one is under way
+    wrong = Refined(0, 1, unpack(came[0]).sector)
+    reports.put(pack_refined(wrong))
+    reports.put(b"short")
+    reports.put(pack_refined(Refined(0, checksum_of(came[0]), unpack(came[0]).sector)))
+    assert eventually(lambda: len(came) == 2)
+    refining.next_frame()
+    assert eventually(lambda: refining.state()["given_up"] == 10)
+    assert [unpack(data).sector for data in came] == [0, 11]
+    refining.offer(second.refinable)
+    assert eventually(lambda: len(came) == 3)
+    assert refining.state()["arrived"] == 1
+    refining.close()
+    refining.close()
+
+
+def receiving(network) -> tuple[Refinements, list, object]:
+    frames: list = []
+    refinements = Refinements(KEYS, "desk", frames.append, lambda data: None, logger_of())
+    declared = refinements.declare(network.end())
+    return refinements, frames, declared
+
+
+def put(network, given: Sent, sectors) -> None:
+    end = network.end()
+    for sector in sectors:
+        end.sender(KEYS.refine(sector), Priority.BESIDE).put(given.refinable.code(sector))
+
+
+def test_a_receiver_takes_sectors_before_their_base_and_counts_late_damaged_and_foreign_ones(network):
+    refinements, frames, declared = receiving(network)
+    given, end = sent(), network.end()
+    put(network, given, [0, 3])
+    time.sleep(0.2)
+    refinements.base(given.base, given.message)
+    assert eventually(lambda: refinements.counts["taken"] == 2)
+    damaged = bytearray(given.refinable.code(1))
+    damaged[60] ^= 1
+    end.sender(KEYS.refine(1), Priority.BESIDE).put(bytes(damaged))
+    foreign = pack(unpack(given.refinable.code(1))._replace(base=5))
+    end.sender(KEYS.refine(1), Priority.BESIDE).put(foreign)
+    end.sender(KEYS.refine(1), Priority.BESIDE).put(b"")
+    assert eventually(lambda: refinements._once.counts["refinement_errors"] == 3)
+    refinements.flush()
+    (frame,) = frames
+    columns = np.isin(frame.azimuth[0] // 3000, (0, 3))
+    np.testing.assert_array_equal(frame.range[:, columns], given.frame.range[:, columns])
+    np.testing.assert_array_equal(frame.range[:, ~columns], given.base.range[:, ~columns])
+    put(network, given, [5])
+    assert eventually(lambda: refinements.counts["late"] == 1)
+    assert refinements.counts["part"] == 1
+    refinements.close()
+    for one in declared:
+        one.close()
+
+
+def test_a_frame_is_given_at_once_when_its_last_sector_came(network):
+    refinements, frames, declared = receiving(network)
+    given = sent()
+    refinements.base(given.base, given.message)
+    assert not frames
+    put(network, given, reversed(range(12)))
+    assert eventually(lambda: len(frames) == 1)
+    np.testing.assert_array_equal(frames[0].range, given.frame.range)
+    refinements.flush()
+    assert len(frames) == 1
+    assert refinements.counts["whole"] == 1
+    refinements.close()
+    for one in declared:
+        one.close()
