@@ -309,7 +309,10 @@ def test_damaged_messages_of_other_sensors_end_as_in_the_package(session: CSessi
                 continue
             if message.has(SectionType.POSITION) or not message.planes:
                 continue  # the C library does not look into what is sent to another port
-            wanted, found = _outcome(decoder.decode, message), _outcome(session.push, data)
+            found = _outcome(session.push, data)
+            if "is not decoded here" in str(found):
+                continue  # the package decodes pictures of other sensors, the C library does not
+            wanted = _outcome(decoder.decode, message)
             if "damaged zstd frame" in str(wanted):
                 continue  # a newer libzstd sees more of it than an older one
             if "side information" in str(wanted) and message.has(SectionType.LATTICE):
