@@ -60,7 +60,7 @@ def push(
     tick: Callable[[], None] = lambda: None,
 ) -> Counter[str]:
     """Upload the recordings of a folder as `VEHICLE/SENSOR/FILE`, oldest first, each with its SHA-256 in
-    `FILE.sha256.json`.
+    `FILE.sha256.json`. Where the store has another recording of this name, a part of the SHA-256 is added to FILE.
 
     Recordings of a server lie in a folder each, whose name becomes a part of FILE. A file that is being written waits
     for the next time. delete: remove a file here after it was read back from the store and is the same; those of a
@@ -92,9 +92,9 @@ def push(
             if name is None:
                 counts["unreadable"] += 1
                 continue
-            told = _uploaded(file, name, store, rate, counts)
+            stored, told = _uploaded(file, name, store, rate, counts)
             if delete and not served:
-                _check_stored(store, name, told["sha256"], path)
+                _check_stored(store, stored, told["sha256"], path)
                 counts["deleted"] += _delete(path, before)
         tick()
     return counts
@@ -110,32 +110,67 @@ def _oldest_first(folder: Path) -> list[Path]:
     return [path for _, _, path in sorted(found)]
 
 
-def _uploaded(file: BinaryIO, name: str, store: Store, rate: Rate, counts: Counter[str]) -> dict[str, Any]:
-    """Upload a file if the store does not have it, and return what its note says."""
+def _uploaded(
+    file: BinaryIO, wanted: str, store: Store, rate: Rate, counts: Counter[str]
+) -> tuple[str, dict[str, Any]]:
+    """Upload a file if the store does not have it. Returns its name there, and what its note says."""
     digest = hashlib.sha256()
     size = 0
     for chunk in _pieces(file, Rate(None)):
         digest.update(chunk)
         size += len(chunk)
     told = {"sha256": digest.hexdigest(), "bytes": size}
-    if _told(store, name) == told and store.size(name) == size:
+    names = _names(wanted, told["sha256"])
+    noted = (one for one in names if _told(store, one) == told)
+    name = next(noted, None) or next((one for one in names if _reserved(store, one, told)), None)
+    if name is None:
+        raise SourceError(f"the store has other objects under the names of {wanted}: the recording was kept here")
+    if store.size(name) == size:
         counts["already_there"] += 1
-        return told
+        return name, told
+    if name != wanted:
+        log.warning("the store has another recording as %s: this one becomes %s", wanted, name)
     store.upload(name, _pieces(file, rate))
     if store.size(name) != size:
         raise SourceError(f"{name} in the store has another size than what was sent: the recording was kept here")
-    store.upload(_note(name), [json_of(told)])
     counts["uploaded"] += 1
     counts["bytes"] += size
-    return told
+    return name, told
+
+
+def _names(name: str, sha256: str) -> list[str]:
+    """Names that a recording may have, the first one preferred.
+
+    A clock that starts at the same time after each boot, or two vehicles of one name, give two recordings one name.
+    """
+    stem, _, ending = name.rpartition(".")
+    return [name, *(f"{stem}-{sha256[:digits]}.{ending}" for digits in (8, len(sha256)))]
+
+
+def _reserved(store: Store, name: str, told: dict[str, Any]) -> bool:
+    """Whether a name without a note could be taken for this recording, by creating its note.
+
+    A note is created before its object, once: who finds the note of another recording leaves the object alone. An
+    object without a note was copied by other means: it is this recording only if it has the same bytes.
+    """
+    if _told(store, name) is not None:
+        return False
+    size = store.size(name)
+    if size is not None and (size != told["bytes"] or _sha256(store, name) != told["sha256"]):
+        return False
+    return store.create(_note(name), json_of(told)) or _told(store, name) == told
+
+
+def _sha256(store: Store, name: str) -> str:
+    digest = hashlib.sha256()
+    for chunk in store.chunks(name):
+        digest.update(chunk)
+    return digest.hexdigest()
 
 
 def _check_stored(store: Store, name: str, expected: str, path: Path) -> None:
     """Raise SourceError if the store does not give back the same bytes."""
-    digest = hashlib.sha256()
-    for chunk in store.chunks(name):
-        digest.update(chunk)
-    if digest.hexdigest() != expected:
+    if _sha256(store, name) != expected:
         raise SourceError(f"{name} in the store is not what {path} holds: it was kept here")
 
 
@@ -170,10 +205,13 @@ def _note(name: str) -> str:
 
 
 def _told(store: Store, name: str) -> object:
+    """What the note of a name says, None if there is none; what is wrong with it if it cannot be read."""
     try:
         return read_json(store.read(_note(name)))
-    except (FileNotFoundError, ValueError):
+    except FileNotFoundError:
         return None
+    except ValueError as error:
+        return str(error)
 
 
 def _pieces(file: BinaryIO, rate: Rate) -> Iterator[bytes]:

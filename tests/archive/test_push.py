@@ -55,6 +55,45 @@ def test_only_what_the_store_gives_back_is_deleted(folder, tmp_path):
     assert [path.name for path in folder.iterdir()] == ["notes.mcap"]
 
 
+def test_two_recordings_of_one_name_are_both_kept(folder, tmp_path, caplog):
+    """A clock without a battery gives the same name after each boot."""
+    (folder / "notes.mcap").unlink()
+    first, store = (folder / "car-7_roof_0.mcap").read_bytes(), FolderStore(tmp_path / "store")
+    foreign = tmp_path / "store/car-7/roof/car-7_roof_1.mcap"
+    foreign.parent.mkdir(parents=True)
+    foreign.write_bytes(b"copied by hand, without a note")
+    second = (folder / "car-7_roof_1.mcap").read_bytes()
+    assert push(folder, store, rate=Rate(None), delete=True)["deleted"] == 2
+    assert foreign.read_bytes() == b"copied by hand, without a note"
+    for _ in range(2):
+        (folder / "car-7_roof_0.mcap").write_bytes(second)
+        counts = push(folder, store, rate=Rate(None), delete=True)
+    assert (counts["already_there"], counts["deleted"]) == (1, 1)
+    stored = [path.read_bytes() for path in (tmp_path / "store").rglob("*.mcap")]
+    assert sorted(map(len, stored)) == sorted(map(len, [foreign.read_bytes(), first, second, second]))
+    assert {first, second} < set(stored)
+    assert "the store has another recording as car-7/roof/car-7_roof_0.mcap" in caplog.text
+
+
+def test_a_recording_that_was_copied_by_hand_is_there_already(folder, tmp_path):
+    stored = tmp_path / "store/car-7/roof/car-7_roof_1.mcap"
+    stored.parent.mkdir(parents=True)
+    stored.write_bytes((folder / "car-7_roof_1.mcap").read_bytes())
+    counts = push(folder, FolderStore(tmp_path / "store"), rate=Rate(None))
+    assert (counts["uploaded"], counts["already_there"]) == (1, 1)
+
+
+def test_an_upload_that_was_cut_is_done_again_under_its_name(folder, tmp_path):
+    class Cut(FolderStore):
+        def upload(self, name, chunks):
+            raise OSError("the connection was cut")
+
+    with pytest.raises(OSError, match="was cut"):
+        push(folder, Cut(tmp_path / "store"), rate=Rate(None))
+    assert push(folder, FolderStore(tmp_path / "store"), rate=Rate(None))["uploaded"] == 2
+    assert {path.name for path in (tmp_path / "store").rglob("*.mcap")} == {f"car-7_roof_{n}.mcap" for n in (0, 1)}
+
+
 def test_a_recording_that_is_being_written_waits(folder, tmp_path):
     with (folder / "car-7_roof_1.mcap").open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
