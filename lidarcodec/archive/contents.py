@@ -79,6 +79,9 @@ def commits_of(
 ) -> list[Commit]:
     """Visible segments, in order of vehicle, sensor and time. A segment that another one replaces is not visible.
 
+    Of several that replace the same one, as two runs with different settings make them, the one with the smallest id
+    counts.
+
     between: first and last time in ns; with vehicle and sensor only that part of the listing is read
     hidden: whether to give the replaced segments instead
     """
@@ -96,8 +99,25 @@ def commits_of(
                 break
             continue
         found.append(commit)
-    replaced = {one.origin for one in found}
-    return [one for one in found if (one.segment in replaced) == hidden and (not between or one.last_ns >= between[0])]
+    gone = _hidden(found)
+    return [one for one in found if (one.segment in gone) == hidden and (not between or one.last_ns >= between[0])]
+
+
+def _hidden(commits: Sequence[Commit]) -> set[str]:
+    """Segments that are not visible: those that were replaced, and all that came from one that does not count."""
+    segments = {one.segment for one in commits}
+    after: dict[str, set[str]] = {}
+    for one in commits:
+        if one.origin in segments:  # otherwise it comes from an input
+            after.setdefault(one.origin, set()).add(one.segment)
+    found = set(after)
+    waiting = [segment for those in after.values() for segment in those - {min(those)}]
+    seen: set[str] = set()  # damaged names may form a ring
+    while waiting:
+        if (segment := waiting.pop()) not in seen:
+            seen.add(segment)
+            waiting.extend(after.get(segment, ()))
+    return found | seen
 
 
 def tables_of(store: Store, commits: Sequence[Commit]) -> list[str]:

@@ -199,15 +199,21 @@ class SegmentPlan:
         """By visible segment the segments before it whose recordings are still there."""
         there = {entry.name.rpartition("/")[2].partition("-")[0] for entry in self._archive.entries("recordings/")}
         hidden = commits_of(self._archive, hidden=True)
-        after = {one.origin: one for one in (*hidden, *visible)}
+        before = {one.segment: one.origin for one in (*hidden, *visible)}
+
+        def first(segment: str) -> str:
+            """The segment of an input that a segment goes back to."""
+            passed: set[str] = set()  # damaged names may form a ring
+            while before.get(segment) in before and segment not in passed:
+                passed.add(segment)
+                segment = before[segment]
+            return segment
+
+        last = {first(one.segment): one for one in visible}
         found: dict[Commit, list[Commit]] = {}
         for commit in hidden:
-            last, passed = commit, {commit.segment}
-            while last.segment in after and after[last.segment].segment not in passed:  # damaged names may form a ring
-                last = after[last.segment]
-                passed.add(last.segment)
-            if commit.segment in there:
-                found.setdefault(last, []).append(commit)
+            if commit.segment in there and (after := last.get(first(commit.segment))) is not None:
+                found.setdefault(after, []).append(commit)
         return found
 
     def after(self, ended: Ended) -> Iterator[Task]:

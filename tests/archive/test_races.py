@@ -130,6 +130,28 @@ def test_a_replaced_segment_is_not_visible(tmp_path):
     assert commits_of(store, "car-7", "roof", (10, 20)) == []
 
 
+def test_of_two_that_replace_a_segment_one_is_visible(tmp_path):
+    """Two runs with different settings, or a late task of an earlier one."""
+    store = FolderStore(tmp_path)
+    first = Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT)
+    twins = [Commit("car-7", "roof", 5, 9, SEGMENT, id_of("twin", number)) for number in range(2)]
+    later = [Commit("car-7", "roof", 5, 9, twin.segment, id_of("later", twin.segment)) for twin in twins]
+    winner = min(twins, key=lambda one: one.segment)
+    for commit in (first, *twins):
+        store.create(commit.name, b"{}")
+        store.create(f"recordings/car-7/roof/{commit.segment}-{'0' * 16}.mcap", b"")
+    assert commits_of(store) == [winner]
+    (task,) = SegmentPlan("recompress", store, store, lambda _: {}, clears=True).tasks()
+    assert {Commit(*one) for one in task.value["older"]} == {first, *twins} - {winner}
+    for commit in later:
+        store.create(commit.name, b"{}")
+    assert commits_of(store) == [later[twins.index(winner)]]
+    parts = [Commit("car-7", "roof", at, at, id_of("input"), id_of("part", at)) for at in (20, 30)]
+    for commit in parts:
+        store.create(commit.name, b"{}")
+    assert commits_of(store, between=(20, 40)) == parts  # of one input: other ranges
+
+
 class Scripted:
     """An engine whose tasks end as a script says."""
 
