@@ -7,7 +7,8 @@
 | `frames/VEHICLE/SENSOR/SEGMENT-HASH.parquet` | a row for each of its frames |
 | `commits/VEHICLE/SENSOR/FIRST-LAST-ORIGIN-SEGMENT.json` | makes both visible |
 | `aside/ORIGIN-SEGMENT.json` | an input or a segment that was set aside, with the reason |
-| `verified/SEGMENT.json` | that the job `verify` found it whole |
+| `verified/SEGMENT.json` | that the job `verify` found it whole, without its input |
+| `verified/SEGMENT-compared.json` | the same, compared with its input |
 
 NAME is a hash of an input's name, INPUT one of its name and its contents as listed (size, tag, files beside it), ORIGIN
 one of INPUT and the settings, SEGMENT one of ORIGIN and the range, HASH one of the recording's bytes. A listing of
@@ -83,6 +84,11 @@ def part_segment(name: str) -> str | None:
     """The segment of a table of frames; None for another object."""
     found = _PART.fullmatch(name)
     return None if found is None else found["segment"]
+
+
+def notes_of(segment: str) -> tuple[str, str]:
+    """Names of what the job `verify` notes of a segment: that it can be read, and that it is what its input holds."""
+    return f"verified/{segment}.json", f"verified/{segment}-compared.json"
 
 
 class PlanName(NamedTuple):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.jobs.reading import made_from
+from lidarcodec.archive.names import Commit, notes_of
 from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
@@ -14,33 +17,31 @@ from lidarcodec.errors import SourceError
 log = logging.getLogger(__name__)
 
 
+class _Named(NamedTuple):
+    """What a commit names. size: of its recording"""
+
+    object: str
+    table: str
+    size: int
+
+
 def repair(store: Store, source: Store) -> Counter[str]:
     """Remove objects without a commit, commits whose recordings are lost, and all notes of what was set aside.
 
     The next run makes again what was removed, and tries again what was set aside. A commit that cannot be read stays,
-    with all objects of its segment: they may be all that is left of the input. So does a recording whose table is lost
-    and whose input is not in `source` any more. Returns numbers of removed objects:
-    `unfinished`, `lost` (commits), `aside`, `leftovers`.
+    with all objects of its segment: they may be all that is left of the input. So does a recording that has another
+    size than it should, or whose table is lost, if its input is not in `source` any more. Returns numbers of removed
+    objects: `unfinished`, `lost` (commits), `aside`, `leftovers`.
     """
     counts: Counter[str] = Counter()
     there = {entry.name: entry.size for folder in ("recordings/", "frames/") for entry in store.entries(folder)}
-    named: set[str] = set()
-    for hidden in (True, False):
-        for commit in commits_of(store, hidden=hidden):
-            try:
-                value = read_commit(store, commit)
-            except SourceError as error:
-                log.warning("a commit was left as it is: %s", error)
-                named |= {name for name in there if f"/{commit.segment}-" in name}
-                continue
-            lost, tableless = there.get(value["object"]) != value["bytes"], value["table"] not in there
-            if not hidden and (lost or (tableless and made_from(value, source) is not None)):
-                store.delete(commit.name)
-                counts["lost"] += 1
-                continue
-            if tableless and not hidden:
-                log.warning("the table of %s is lost, and its input, too: queries miss its frames", value["object"])
-            named |= {value["object"], value["table"]}
+    known: dict[Commit, _Named | None] = {}
+    while lost := [one for one in commits_of(store) if _is_lost(store, source, one, _known(store, one, known), there)]:
+        for commit in lost:  # what it replaced is visible then, and may be lost, too
+            for name in (commit.name, *notes_of(commit.segment)):
+                store.delete(name)
+            counts["lost"] += 1
+    named = set(_kept(store, there, known))
     joined = {entry.name for entry in store.entries("index/")}
     unlisted = {name for name in joined if name.endswith(".parquet") and f"{name[:-8]}.json" not in joined}
     for name in sorted(unlisted | (there.keys() - named)):
@@ -53,3 +54,37 @@ def repair(store: Store, source: Store) -> Counter[str]:
         path.unlink(missing_ok=True)
         counts["leftovers"] += 1
     return counts
+
+
+def _known(store: Store, commit: Commit, known: dict[Commit, _Named | None]) -> _Named | None:
+    """What a commit names; None if it cannot be read. Each commit is read once."""
+    if commit not in known:
+        try:
+            value = read_commit(store, commit)
+            known[commit] = _Named(value["object"], value["table"], value["bytes"])
+        except SourceError as error:
+            log.warning("a commit was left as it is: %s", error)
+            known[commit] = None
+    return known[commit]
+
+
+def _is_lost(store: Store, source: Store, commit: Commit, found: _Named | None, there: dict[str, int]) -> bool:
+    """Whether a visible segment is to be made again."""
+    if found is None or (there.get(found.object) == found.size and found.table in there):
+        return False
+    return found.object not in there or made_from(read_commit(store, commit), source) is not None
+
+
+def _kept(store: Store, there: dict[str, int], known: dict[Commit, _Named | None]) -> Iterator[str]:
+    """Names of recordings and tables that stay."""
+    for hidden in (True, False):
+        for commit in commits_of(store, hidden=hidden):
+            found = _known(store, commit, known)
+            if found is None:
+                yield from (name for name in there if f"/{commit.segment}-" in name)
+                continue
+            if not hidden and there.get(found.object) != found.size:
+                log.warning("%s is damaged, and its input is gone, so it was left as it is", found.object)
+            if not hidden and found.table not in there:
+                log.warning("the table of %s is lost, and its input, too: queries miss its frames", found.object)
+            yield from (found.object, found.table)

@@ -10,6 +10,8 @@ import pytest
 
 import lidarcodec
 from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.repair import repair
+from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.sources import open_source
 from tests.archive.conftest import unchanged
 from tests.command_line import run_here
@@ -204,6 +206,43 @@ def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inp
     next(filled.rglob("*.parquet")).unlink()
     archive("run", inputs, filled, *SHORT, "--repair")
     assert objects(filled) == before
+
+
+def test_repair_keeps_what_is_damaged_and_cannot_be_made_again(inputs, filled, caplog):
+    recording = next((filled / "recordings").rglob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-100])
+    before = objects(filled)
+    shutil.move(inputs / "car-7", inputs.parent / "car-7")
+    assert not repair(FolderStore(filled), FolderStore(inputs))
+    assert objects(filled) == before
+    assert "is damaged, and its input is gone" in caplog.text
+    shutil.move(inputs.parent / "car-7", inputs)
+    assert repair(FolderStore(filled), FolderStore(inputs)) == {"lost": 1, "unfinished": 2}
+
+
+def test_what_is_lost_after_it_was_replaced_is_made_again(inputs, filled):
+    before = objects(filled)
+    words = ("--job", "recompress", "--codec", "raw", "--delete-old", "--workers", "here")
+    archive("run", filled, filled, *words)
+    for path in (filled / "recordings").rglob("*.mcap"):
+        path.unlink()
+    told = json.loads(archive("run", inputs, filled, *SHORT, "--repair", "--json").stdout)
+    assert (told["repaired"]["lost"], told["segments"]) == (4, 2)
+    assert objects(filled) == before
+
+
+def test_what_was_not_compared_is_compared_later_and_what_was_made_again_is_verified_again(inputs, filled):
+    def verified(source, *words) -> tuple[int, ...]:
+        done = archive("run", source, filled, "--job", "verify", "--workers", "here", "--json", *words)
+        return tuple(json.loads(done.stdout)[name] for name in ("compared", "unchanged", "finished", "segments"))
+
+    assert verified(filled) == (0, 0, 0, 2)
+    assert verified(filled) == (0, 2, 0, 0)
+    assert verified(inputs) == (2, 0, 0, 2)
+    assert verified(inputs) == (0, 0, 2, 0)
+    next((filled / "recordings").rglob("*.mcap")).unlink()
+    archive("run", inputs, filled, *SHORT, "--repair")
+    assert verified(inputs) == (1, 0, 1, 1)
 
 
 def test_joined_tables_say_the_same(filled, monkeypatch, caplog):

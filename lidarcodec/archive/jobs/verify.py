@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.archive.jobs.reading import made_from, opened
-from lidarcodec.archive.names import Commit, json_of
+from lidarcodec.archive.names import Commit, json_of, notes_of
 from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.segments import Segment, packets_in
@@ -18,19 +18,24 @@ from lidarcodec.files.digest import sha256_of
 
 
 def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Compare a segment, and note one that is whole as `verified/SEGMENT.json`. value: `commit` (fields of Commit)
+    """Compare a segment, and note one that is whole as `verified/SEGMENT-compared.json`.
 
-    If the input is not there any more, only checksum and decoding are checked; `compared` is 0 then.
+    value: `commit` (fields of Commit), `noted`: whether it was found whole before, without its input
+
+    If the input is not there any more, only checksum and decoding are checked, once; `compared` is 0 then, and the note
+    is `verified/SEGMENT.json`.
     """
     commit = Commit(*value["commit"])
     found = read_commit(target, commit)
+    if value["noted"] and made_from(found, source) is None:
+        return {"unchanged": 1, "object": found["object"], "broken": []}
     with scratch_folder() as folder:
         path = folder / "recording.mcap"
         target.download(found["object"], path)
         result = _compared(path, found, source)
     result |= {"segment": commit.segment, "object": found["object"]}
     if not result["broken"]:
-        target.create(f"verified/{commit.segment}.json", json_of(result))
+        target.create(notes_of(commit.segment)[result["compared"]], json_of(result))
     return result
 
 

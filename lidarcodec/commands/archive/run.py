@@ -15,7 +15,7 @@ from lidarcodec.archive.driver import Outcome, Plan, drive
 from lidarcodec.archive.engines.table import WORKERS, check_engine, make_engine
 from lidarcodec.archive.index import index
 from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
-from lidarcodec.archive.names import Commit
+from lidarcodec.archive.names import Commit, notes_of
 from lidarcodec.archive.plan import Choice, CompressPlan, SegmentPlan, archive_settings
 from lidarcodec.archive.policy import Policy
 from lidarcodec.archive.repair import repair
@@ -149,8 +149,8 @@ def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings
     if wanted.job == "map":
         return MapPlan(source, target)
     if wanted.job == "verify":
-        done = _named_in(target, "verified/", lambda commit: f"verified/{commit.segment}.json")
-        return SegmentPlan("verify", source, target, lambda _: {}, done=done)
+        done = _named_in(target, "verified/", lambda commit: notes_of(commit.segment)[1])
+        return SegmentPlan("verify", source, target, _noted(target), done=done)
     if wanted.job == "convert":
         form = str(wanted.form)
         done = _named_in(target, f"{form}/", lambda commit: f"{stem_of(form, commit)}.json")
@@ -166,6 +166,12 @@ def _named_in(store: Store, folder: str, name: Callable[[Commit], str]) -> Calla
         return lambda commit: name(commit) in names
 
     return listed
+
+
+def _noted(target: Store) -> Choice:
+    """Whether `verify` found a segment whole before, without its input."""
+    names = {entry.name for entry in target.entries("verified/")}
+    return lambda commit: {"noted": notes_of(commit.segment)[0] in names}
 
 
 def _chosen(wanted: Wanted, settings: StreamSettings) -> Choice:

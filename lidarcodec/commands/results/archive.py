@@ -34,8 +34,8 @@ class ArchiveStats(TypedDict):
     points: Annotated[int | None, "returns"]
     packet_bytes: Annotated[int | None, "bytes of the packets"]
     bytes: Annotated[int | None, "bytes after coding"]
-    bound_m: Annotated[float | None, "largest allowed error of a range"]
-    error_m: Annotated[float | None, "largest measured error of a range"]
+    bound_m: Annotated[float | None, "largest allowed error of a range, in metres: the sum of all codings since the input; null if one has no bound"]
+    error_m: Annotated[float | None, "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if one is not known"]
 
 
 class ArchiveRun(TypedDict):
@@ -55,7 +55,11 @@ class ArchiveRun(TypedDict):
     packet_bytes: Annotated[int, "bytes of the packets in them"]
     bytes: Annotated[int, "bytes of their recordings"]
     bytes_before: Annotated[int, "of recompress: bytes of the recordings that were replaced, or would be"]
-    unchanged: Annotated[int, "of recompress: segments that had the settings already"]
+    unchanged: Annotated[
+        int,
+        "of recompress: segments that had the settings already; of verify: segments without their input that were found "
+        "whole before",
+    ]
     compared: Annotated[int, "of verify: segments that were compared with their input; it must be there as it was"]
     points: Annotated[int, "of map: points of the maps that were written"]
     joined: Annotated[int, "joined tables that were written"]
