@@ -21,6 +21,7 @@ MAX_PLAN: Final = 64 << 20
 MAX_JOINED: Final = 1 << 20
 """Largest list of the segments in a joined table, in bytes."""
 _MAX_BYTES: Final = 1 << 50
+_MAX_M: Final = 1e9
 _MAX_NS: Final = 1 << 63
 
 
@@ -57,6 +58,9 @@ def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
                 raise ValueError(f"its {key} lies elsewhere")
         for key, most in (("bytes", _MAX_BYTES), ("frames", MAX_FRAMES), ("packets", 1 << 40)):
             _number(value[key], most, key)
+        for key in ("bound_m", "error_m"):
+            if value[key] is not None and not 0 <= _real(value[key]) <= _MAX_M:
+                raise ValueError(f"its {key} is out of range")
         _text(value["sha256"])
         if not isinstance(value["settings"], dict):
             raise TypeError("its settings are of another type")
@@ -125,6 +129,12 @@ def _check_input(value: dict[str, Any]) -> None:
 def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError("a text is of another type")
+    return value
+
+
+def _real(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError("a number is of another type")
     return value
 
 

@@ -33,6 +33,8 @@ class About:
     """What is the same for all frames of a segment.
 
     about: further plain values for the commit, such as the input
+    lost_m: largest allowed and largest measured error of ranges, in metres, that the frames had before they were coded;
+        None if it is not known
     """
 
     vehicle: str
@@ -40,6 +42,7 @@ class About:
     origin: str
     segment: str
     about: dict[str, Any]
+    lost_m: tuple[float | None, float | None] = (0.0, 0.0)
 
     @property
     def stream_id(self) -> int:
@@ -108,6 +111,12 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
                 row |= {"offset": place.offset, "length": place.length, "bytes": place.length // place.frames,
                         "key": bool(place.key), "checksum": place.checksum, **more, **fields}  # fmt: skip
     complete = [row for _, row in sorted(rows.rows.items()) if "offset" in row]
+    lost = {}
+    for name, before_m in zip(("bound_m", "error_m"), about.lost_m, strict=True):
+        for row in complete:  # errors of several codings add up at most
+            row[name] = None if None in (row[name], before_m) else row[name] + before_m
+        values = [row[name] for row in complete]
+        lost[name] = None if None in values else max(values)
     stamps = [row["stamp_ns"] for row in complete]
     table = folder / "frames.parquet"
     write_table(complete, table)
@@ -115,6 +124,7 @@ def write_product(frames: Iterable[Frame], encoder: StreamEncoder, about: About,
     value = (
         about.about
         | fields
+        | lost
         | {
             "format": FORMAT,
             "origin": about.origin,

@@ -109,6 +109,18 @@ def test_stats_say_what_is_there(filled):
     assert "2 segments, 13 frames" in archive("run", filled, filled, "--job", "stats").stdout
 
 
+def test_errors_of_several_codings_add_up(filled):
+    exact = [frame.range.astype(int) for frame in open_archive(filled).frames()]
+    for bound in ("0.02", "0.05"):
+        archive("run", filled, filled, "--job", "recompress", "--set", f"max_error_m={bound}", *HERE)
+    frames = list(open_archive(filled).frames())
+    found = max(int(np.abs(frame.range - old).max()) for frame, old in zip(frames, exact, strict=True))
+    ((bound, error),) = open_archive(filled).query("select max(bound_m), max(error_m) from frames")[1]
+    step = frames[0].sensor.range_step_m
+    assert 0.05 < found * step <= error + 1e-9 <= bound + 2e-9 <= 0.07 + 3e-9
+    assert "within 7 cm" in archive("run", filled, filled, "--job", "stats").stdout
+
+
 @pytest.mark.sweep
 def test_a_map_is_made_of_the_squares_that_were_seen(filled, tmp_path):
     out = tmp_path / "maps"

@@ -36,7 +36,7 @@ def product(folder, text: str) -> Product:
     names = f"car-7/roof/{SEGMENT}-{text}"
     value = {"format": FORMAT, "segment": SEGMENT, "object": f"recordings/{names}", "table": f"frames/{names}",
              "sha256": text, "bytes": len(text), "frames": 1, "packets": 1, "settings": {}, "job": "recompress",
-             "messages": [[5, 0, 5, 7, 0, 1, 1, -1]]}  # fmt: skip
+             "bound_m": None, "error_m": 0.5, "messages": [[5, 0, 5, 7, 0, 1, 1, -1]]}  # fmt: skip
     return Product(recording, table, commit, value)
 
 
@@ -63,7 +63,7 @@ def test_a_damaged_commit_is_an_error_that_names_it(tmp_path):
     ("key", "bad"),
     [
         ("frames", 10**18), ("frames", -1), ("frames", True), ("frames", "1"), ("bytes", 4), ("packets", 1.0),
-        ("settings", []),
+        ("settings", []), ("bound_m", -1.0), ("bound_m", 1e99), ("error_m", "1"), ("error_m", True),
         ("object", "commits/car-7/roof/x"), ("object", "../x"), ("table", 5), ("sha256", None),
         ("messages", [[5, 0, 5, 7, 0, 10**18, 1, -1]]), ("messages", [[5, 0, 5, 7, 0, 1, 1]]), ("messages", 7),
         ("messages", [[5, 2, 10**15, 7, 0, 1, 1, -1]]), ("messages", [[5, 0, 1, 7, n, 20_000, 1, -1] for n in (1, 2)]),

@@ -1,6 +1,7 @@
 """The jobs `recompress` and `reduce`: encode a recording of the archive with other settings.
 
-The new segment replaces the old one in one step, by its commit. What the old one's error bound lost stays lost.
+The new segment replaces the old one in one step, by its commit. What the old one's error bound lost stays lost,
+and the errors of both add up.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
         return {"bytes_before": found["bytes"], "frames": found["frames"]}
     segment = id_of("recompress", commit.segment, found["sha256"], settings, [MAJOR, MINOR])
     about = {"job": "recompress", "input": found["object"], "not_kept": found["not_kept"]}
-    known = About(commit.vehicle, commit.sensor, commit.segment, segment, about)
+    known = About(commit.vehicle, commit.sensor, commit.segment, segment, about, (found["bound_m"], found["error_m"]))
     encoder = StreamEncoder(check_offline(settings_from(settings)), known.stream_id)
     with scratch_folder() as folder:
         old = folder / "old.mcap"

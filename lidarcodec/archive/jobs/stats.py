@@ -11,7 +11,9 @@ _SQL: Final = """
     select vehicle, sensor, codec, count(distinct segment) as segments, count(*) as frames,
            cast(min(stamp_ns) as bigint) as first_ns, cast(max(stamp_ns) as bigint) as last_ns,
            cast(sum(points) as bigint) as points, cast(sum(packet_bytes) as bigint) as packet_bytes,
-           cast(sum(bytes) as bigint) as bytes, max(bound_m) as bound_m, max(error_m) as error_m
+           cast(sum(bytes) as bigint) as bytes,
+           case when count(bound_m) = count(*) then max(bound_m) end as bound_m,
+           case when count(error_m) = count(*) then max(error_m) end as error_m
     from frames group by vehicle, sensor, codec order by vehicle, sensor, codec
 """
 
