@@ -69,11 +69,21 @@ def test_a_service_can_do_little_and_is_of_one_version(name):
     assert "no-new-privileges:true" in service["security_opt"]
     assert {"cpus", "memory", "pids"} <= set(service["deploy"]["resources"]["limits"])
     assert service["image"] == OURS or PINNED.fullmatch(service["image"])
-    assert service["env_file"] == ["./secrets/archive.env"]
+    assert service["env_file"] == ([] if name == "volume" else ["./secrets/archive.env"])
+    assert ("cap_add" in service) == (name == "volume")
     assert not [key for key in service["environment"] if re.search("SECRET|PASSWORD|ACCESS_KEY", key)]
     assert set(service.get("depends_on", {})) <= set(SERVICES)
     for port in service.get("ports", []):
         assert re.match(r"\$\{[A-Z]+_ADDRESS:-127\.0\.0\.1\}:\d+:\d+$", port)
+
+
+def test_the_server_gets_a_volume_that_it_can_write():
+    """A new volume belongs to root, and the image has no folder for it."""
+    volume, store = SERVICES["volume"], SERVICES["store"]
+    assert volume["command"] == [f"chown {store['user']} /data"]
+    assert (volume["user"], volume["cap_add"], volume["network_mode"]) == ("0:0", ["CHOWN"], "none")
+    assert volume["volumes"] == store["volumes"] == ["store:/data"]
+    assert store["depends_on"] == {"volume": {"condition": "service_completed_successfully"}}
 
 
 def test_nobody_else_reaches_dask():
