@@ -44,7 +44,8 @@ class CompressPlan:
 
     keep_both: whether inputs that are in the archive with other settings are encoded again
     counts: `inputs` so far; of these `finished` with nothing left to do, `other_settings` that are in the archive with
-        other settings, `unfinished` (of these, only in part), and `changed` since they were archived
+        other settings, `unfinished` (of these, only in part), `changed` since they were archived, and `earlier_aside`,
+        of which all or a part was set aside by an earlier run
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class CompressPlan:
         for one in inputs_of(self._source.entries()):
             self.counts["inputs"] += 1
             origin = one.id(self._settings, self._seconds, [MAJOR, MINOR])
+            self.counts["earlier_aside"] += origin in contents.aside
             if contents.finished(origin):
                 self.counts["finished"] += 1
                 continue
@@ -92,6 +94,11 @@ class CompressPlan:
             )
         if number := self.counts["unfinished"]:
             found.append(f"{number:,} of these are there only in part: the earlier settings complete them")
+        if number := self.counts["earlier_aside"]:
+            found.append(
+                f"{number:,} of the inputs were set aside by an earlier run, whole or in part: aside/ in the archive says "
+                "why, --repair tries them again"
+            )
         if number := self.counts["changed"]:
             found.append(
                 f"{number:,} of the inputs, or files beside them, changed since they were archived: the frames of the "

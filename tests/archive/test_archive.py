@@ -181,7 +181,7 @@ def test_an_archive_within_its_inputs_is_refused(inputs):
     assert "would be read as input" in done.stderr
 
 
-def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_path):
+def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_path, caplog):
     (inputs / "broken.pcap").write_bytes(b"no capture at all")
     (inputs / "empty.mcap").write_bytes(b"")
     (inputs / "notes.txt").write_text("not an input")
@@ -194,7 +194,9 @@ def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_pa
     whys = [json.loads(path.read_text()) for path in (out / "aside").iterdir()]
     assert {"what": "link.pcap", "why": "it is a link that leaves its folder"} in whys
     assert not [one for one in whys if str(tmp_path) in one["why"]]
-    assert json.loads(archive("run", inputs, out, *SHORT, "--json").stdout)["finished"] == 4
+    told = json.loads(archive("run", inputs, out, *SHORT, "--json", code=1).stdout)
+    assert (told["finished"], told["earlier_aside"], told["aside"]) == (4, 3, [])
+    assert "3 of the inputs were set aside by an earlier run" in caplog.text
     done = archive("run", inputs, out, *SHORT, "--repair", "--json", code=1)
     assert json.loads(done.stdout)["repaired"]["aside"] == 3
 

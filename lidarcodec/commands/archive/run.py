@@ -36,7 +36,7 @@ from lidarcodec.settings import StreamSettings
 log = logging.getLogger(__name__)
 
 NUMBERS: Final = (
-    "inputs", "finished", "other_settings", "unfinished", "changed", "tasks", "segments", "frames", "packet_bytes",
+    "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments", "frames", "packet_bytes",
     "bytes", "bytes_before", "unchanged", "compared", "points", "joined", "removed", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
@@ -69,7 +69,7 @@ class Wanted:
 
 
 def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
-    """Do the job and print what was done. Returns whether nothing was set aside, left, found broken or unfinished."""
+    """Do the job and print what was done. Returns whether nothing was missing: set aside now or earlier, left, found broken."""
     job, settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
@@ -97,7 +97,8 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     for remark in plan.remarks():
         log.warning("%s", remark)
     tell(result, _text(result), as_json)
-    return not (outcome.aside or outcome.left or result["broken"] or result["unfinished"])
+    missing = result["broken"] or result["unfinished"] or result["earlier_aside"]
+    return not (outcome.aside or outcome.left or missing)
 
 
 def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:

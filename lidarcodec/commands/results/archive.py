@@ -49,6 +49,9 @@ class ArchiveRun(TypedDict):
     ]
     unfinished: Annotated[int, "of these: those that are there only in part"]
     changed: Annotated[int, "of compress: inputs that changed since they were archived, and were archived anew"]
+    earlier_aside: Annotated[
+        int, "of compress: inputs that an earlier run set aside, whole or in part, and that are not tried again"
+    ]
     tasks: Annotated[int, "number of tasks that were done; with --dry-run, that would be begun"]
     segments: Annotated[int, "segments that were written or compared"]
     frames: Annotated[int, "frames in them"]
