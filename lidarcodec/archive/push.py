@@ -90,6 +90,7 @@ def push(
             served = path.parent != folder
             name = _name(file, f"{path.parent.name}-{path.name}" if served else path.name)
             if name is None:
+                log.warning("a file was left out: %s is no recording, or has an odd name", path)
                 counts["unreadable"] += 1
                 continue
             stored, told = _uploaded(file, name, store, rate, counts)

@@ -29,11 +29,16 @@ def folder(tmp_path) -> Path:
     return found
 
 
-def test_a_second_push_uploads_nothing(folder, tmp_path):
+def test_a_second_push_uploads_nothing(folder, tmp_path, caplog):
     first = run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json")
+    assert first.returncode == 1
+    assert f"{folder / 'notes.mcap'} is no recording" in caplog.text
     told = json.loads(first.stdout)
     assert (told["uploaded"], told["already_there"], told["unreadable"], told["deleted"]) == (2, 0, 1, 0)
-    again = json.loads(run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json").stdout)
+    (folder / "notes.mcap").unlink()
+    second = run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json")
+    assert second.returncode == 0
+    again = json.loads(second.stdout)
     assert (again["uploaded"], again["already_there"]) == (0, 2)
     stored = tmp_path / "store" / "car-7" / "roof" / "car-7_roof_1.mcap"
     assert stored.read_bytes() == (folder / "car-7_roof_1.mcap").read_bytes()

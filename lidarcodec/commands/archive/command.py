@@ -174,4 +174,5 @@ def push(
     """Upload the recordings of a vehicle. Run it again after an interruption: it continues."""
     from lidarcodec.commands.archive import push as command
 
-    command.run(folder, store, limit, delete, as_json)
+    if not command.run(folder, store, limit, delete, as_json):
+        raise typer.Exit(FAILED)

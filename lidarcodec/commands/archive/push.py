@@ -13,8 +13,8 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SourceError
 
 
-def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_json: bool) -> None:
-    """Upload all recordings that are complete, and print what was done."""
+def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_json: bool) -> bool:
+    """Upload all recordings that are complete, and print what was done. Returns whether all could be read."""
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder")
     store = open_store(where)
@@ -26,3 +26,4 @@ def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_jso
     result = {name: counts[name] for name in ArchivePushed.__annotations__}
     numbers = ", ".join(f"{number:,} {name.replace('_', ' ')}" for name, number in result.items() if number)
     tell(result, numbers or "no recordings", as_json)
+    return not counts["unreadable"]
