@@ -50,7 +50,7 @@ _LEAST: Final = Place(0, 0, 1, 0, 0, 1, 0, -1)
 def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
     """The contents of a commit. Raises SourceError if it is damaged, OSError."""
     with _damaged(store, commit.name):
-        value = read_object(store.read(commit.name), MAX_COMMIT)
+        value = read_object(store.read_small(commit.name, MAX_COMMIT), MAX_COMMIT)
         if value["format"] != FORMAT or value["segment"] != commit.segment:
             raise ValueError("it is of another format or segment")
         for key, folder in (("object", "recordings"), ("table", "frames")):
@@ -86,7 +86,7 @@ def places_of(value: dict[str, Any]) -> list[Place]:
 def read_plan(store: Store, name: str) -> dict[str, Any]:
     """The contents of a plan. Raises SourceError if it is damaged, OSError."""
     with _damaged(store, name):
-        value = read_object(store.read(name), MAX_PLAN)
+        value = read_object(store.read_small(name, MAX_PLAN), MAX_PLAN)
         for key in ("vehicle", "sensor"):
             if not is_name(_text(value[key])):
                 raise ValueError(f"its {key} has no valid name")
@@ -100,7 +100,7 @@ def read_plan(store: Store, name: str) -> dict[str, Any]:
 def read_joined(store: Store, name: str) -> list[str]:
     """The segments in a joined table, by the name of their list. Raises SourceError if it is damaged, OSError."""
     with _damaged(store, name):
-        segments = read_object(store.read(name), MAX_JOINED)["segments"]
+        segments = read_object(store.read_small(name, MAX_JOINED), MAX_JOINED)["segments"]
         if not isinstance(segments, list) or not all(isinstance(one, str) and is_id(one) for one in segments):
             raise ValueError("it has no list of segments")
         return segments

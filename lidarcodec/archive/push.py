@@ -20,7 +20,7 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.rotation import is_written
 from lidarcodec.settings import is_name
-from lidarcodec.untrusted.json import read_json
+from lidarcodec.untrusted.json import MAX_BYTES, read_json
 
 log = logging.getLogger(__name__)
 
@@ -208,10 +208,10 @@ def _note(name: str) -> str:
 def _told(store: Store, name: str) -> object:
     """What the note of a name says, None if there is none; what is wrong with it if it cannot be read."""
     try:
-        return read_json(store.read(_note(name)))
+        return read_json(store.read_small(_note(name), MAX_BYTES))
     except FileNotFoundError:
         return None
-    except ValueError as error:
+    except (ValueError, SourceError) as error:
         return str(error)
 
 

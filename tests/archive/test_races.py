@@ -222,6 +222,24 @@ def test_a_listing_is_in_the_order_of_object_stores(tmp_path):
         assert [entry.name for entry in store.entries(after=after)] == [name for name in sorted(names) if name > after]
 
 
+def test_a_small_object_is_read_no_further_than_its_limit(tmp_path):
+    """A commit of many gigabytes would take all memory before it is refused."""
+    read = []
+
+    class Counting(FolderStore):
+        def read(self, name, start=0, length=None):
+            read.append(data := super().read(name, start, length))
+            return data
+
+    store, commit = Counting(tmp_path), Commit("car-7", "roof", 5, 9, ORIGIN, SEGMENT)
+    (path := tmp_path / commit.name).parent.mkdir(parents=True)
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(SourceError, match="more than 16,777,216 bytes"):
+        read_commit(store, commit)
+    assert sum(map(len, read)) == (16 << 20) + 1
+
+
 def test_a_full_disk_is_an_error_of_the_store(tmp_path, monkeypatch):
     """It may have room later: what a segment meets there is no reason to set it aside."""
     store = FolderStore(tmp_path)

@@ -72,6 +72,15 @@ class Store(ABC):
     def download(self, name: str, path: Path) -> None:
         """Write an object to a file."""
 
+    def read_small(self, name: str, most: int) -> bytes:
+        """All bytes of an object. Raises SourceError if it has more than `most`; then no more are read."""
+        return self._checked(name, self.read(name, 0, most + 1), most)
+
+    def _checked(self, name: str, data: bytes, most: int) -> bytes:
+        if len(data) > most:
+            raise SourceError(f"{name} has more than {most:,} bytes")
+        return data
+
     def size(self, name: str) -> int | None:
         """Bytes of an object; None if there is none."""
         found = self.entry(name)

@@ -80,6 +80,20 @@ class BucketStore(Store):
                 return bytes(obstore.get(self._store, check_name(name)).bytes())
             return bytes(obstore.get_range(self._store, check_name(name), start=start, length=length))
 
+    def read_small(self, name: str, most: int) -> bytes:
+        return self._checked(name, self._again(lambda: self._read_small(name, most)), most)
+
+    def _read_small(self, name: str, most: int) -> bytes:
+        import obstore
+
+        data = bytearray()
+        with self._errors(name):
+            for chunk in obstore.get(self._store, check_name(name)):  # one request, an empty object included
+                data += bytes(chunk)[: most + 1 - len(data)]
+                if len(data) > most:
+                    break
+        return bytes(data)
+
     def create(self, name: str, data: bytes | Path) -> bool:
         """As of Store. It may also return False if an earlier attempt, whose answer was cut, created the object."""
         return self._again(lambda: self._create(name, data))
