@@ -15,7 +15,7 @@ from lidarcodec.maps.localise.search import find_pose
 from lidarcodec.maps.localise.tracker import Tracker, sigma_m
 from lidarcodec.maps.localise.window import MapWindow
 from lidarcodec.maps.points import MapPoints
-from tests.maps.towns import street, town
+from tests.maps.towns import court, street, town
 
 TOWN = town(80.0, 20)
 RANDOM = np.random.default_rng(11)
@@ -143,6 +143,13 @@ def test_two_places_that_look_alike_are_none(tmp_path):
     with MapReader.open(written(tmp_path / "twice.lcmap", twice)) as reader:
         assert find_pose(MapWindow(reader), cloud) is None
         assert find_pose(MapWindow(reader), cloud, stop=lambda: True) is None
+
+
+def test_a_court_that_looks_the_same_turned_by_180_degrees_has_no_pose(tmp_path):
+    there = court(30.0, 17.0)
+    cloud = court(30.0, 17.0, seed=2).xyz - [25.0, 25.0, 1.8]
+    with MapReader.open(written(tmp_path / "court.lcmap", there)) as reader:
+        assert find_pose(MapWindow(reader), cloud[np.abs(cloud[:, :2]).max(axis=1) < 31.0]) is None
 
 
 def test_a_street_that_looks_the_same_all_along_does_not_say_where_it_is(tmp_path):

@@ -3,7 +3,7 @@
 What stands above the ground is seen from above, in cells of 2 m: houses, poles, rails. The scan's cells are laid over
 those of the map at every place and at 72 turns, by correlation with the fast Fourier transform, in blocks of 400 m.
 The best places are registered, coarse to fine. The pose counts if enough of the scan lies in the map there, and clearly
-less at every other place.
+less at every other place, and in every other direction at this place.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ LEAST_CELLS: Final = 20
 BEST_OF_BLOCK: Final = 24
 TRIED: Final = 48
 APART_M: Final = 4.0
-APART_TURNS: Final = 3
+APART_RAD: Final = 3 * 2 * np.pi / TURNS
 CLEARLY: Final = 0.85
-"""At another place at most this share of what lies in the map at the best one may lie there."""
+"""In another pose at most this share of what lies in the map in the best one may lie there."""
 ELSEWHERE_M: Final = 3.0
 NEAR_START_M: Final = 15.0
 USUAL_HEIGHT_M: Final = 1.8
@@ -62,7 +62,7 @@ class Candidate(NamedTuple):
 def find_pose(
     window: MapWindow, cloud: Matrix, stop: Callable[[], bool] = lambda: False, tick: Callable[[], None] = lambda: None
 ) -> Fit | None:
-    """The scan of a cloud (N, 3) registered in the map; None if it is found nowhere, or at several places.
+    """The scan of a cloud (N, 3) registered in the map; None if it is found nowhere, or in several poses.
 
     stop: asked between two steps of less than a second, whether to give up; tick: called after each block
     Raises SourceError for a map that is too dense.
@@ -97,12 +97,22 @@ def find_pose(
 
 
 def _different(fits: list[Fit]) -> list[Fit]:
-    """Fits without those that ended where a better one did."""
+    """Fits without those that ended in the pose of a better one. In a symmetric place another direction is another."""
     kept: list[Fit] = []
     for fit in fits:
-        if all(np.linalg.norm(fit.pose[:3, 3] - other.pose[:3, 3]) > ELSEWHERE_M for other in kept):
+        if not any(_same(fit.pose, other.pose) for other in kept):
             kept.append(fit)
     return kept
+
+
+def _same(one: Matrix, other: Matrix) -> bool:
+    yaws = [float(np.arctan2(pose[1, 0], pose[0, 0])) for pose in (one, other)]
+    return bool(np.linalg.norm(one[:3, 3] - other[:3, 3]) <= ELSEWHERE_M and _turn(*yaws) < APART_RAD)
+
+
+def _turn(one: float, other: float) -> float:
+    """The angle between two yaws, in radians."""
+    return abs((one - other + np.pi) % (2 * np.pi) - np.pi)
 
 
 def standing_at(window: MapWindow, x: float, y: float) -> Matrix:
@@ -124,7 +134,7 @@ def standing_at(window: MapWindow, x: float, y: float) -> Matrix:
 
 
 def _clear(window: MapWindow, cloud: Matrix, fits: list[Fit]) -> Fit | None:
-    """The best fit with all of the cloud, if it is good and no other place is nearly as good."""
+    """The best fit with all of the cloud, if it is good and no other pose is nearly as good."""
     if not fits or (len(fits) > 1 and lying(fits[1]) > CLEARLY * lying(fits[0])):
         return None
     world = window.around(fits[0].pose[:3, 3])
@@ -255,8 +265,8 @@ def _apart(found: list[Candidate]) -> list[Candidate]:
     kept: list[Candidate] = []
     for one in sorted(found, reverse=True):
         for other in kept:
-            turn = abs((one.yaw - other.yaw + np.pi) % (2 * np.pi) - np.pi)
-            if (one.x - other.x) ** 2 + (one.y - other.y) ** 2 < APART_M**2 and turn < APART_TURNS * 2 * np.pi / TURNS:
+            away = (one.x - other.x) ** 2 + (one.y - other.y) ** 2
+            if away < APART_M**2 and _turn(one.yaw, other.yaw) < APART_RAD:
                 break
         else:
             kept.append(one)
