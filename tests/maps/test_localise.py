@@ -1,8 +1,11 @@
 """A sensor is found in a map, followed, lost where it is not in the map, and found again; with what certainty."""
 
+import threading
+
 import numpy as np
 import pytest
 
+from lidarcodec.commands.localise.progress import Progress
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.rigid import exp_so3, invert, moved
 from lidarcodec.evaluation.trajectory import Scan
@@ -113,7 +116,7 @@ def test_a_search_in_a_thread_keeps_the_scans_that_come_meanwhile(map_file, monk
         assert off_m(estimates[-1].pose, way(3)) < 0.08
 
 
-def test_a_search_that_takes_too_long_is_given_up_and_a_hint_ends_one(map_file, monkeypatch):
+def test_a_search_that_takes_too_long_is_given_up_and_a_hint_that_fits_ends_one(map_file, monkeypatch):
     monkeypatch.setattr(localiser_module, "find_pose", lambda window, cloud, stop: stop() or wait_for(stop))
     monkeypatch.setattr(localiser_module, "MOST_WAITING", 2)
     with Localiser(map_file, background=True) as localiser:
@@ -124,6 +127,26 @@ def test_a_search_that_takes_too_long_is_given_up_and_a_hint_ends_one(map_file, 
         assert localiser.searches == 2
         localiser.propose(way(5))
         assert [localiser.take(scan_at(way(number), number))[-1].state for number in (5, 6, 7)][-1] == "tracking"
+        assert (localiser.searches, localiser.hints, localiser.wrong_hints) == (2, 1, 0)
+        assert localiser._search is None
+
+
+def test_hints_that_are_wrong_neither_end_a_search_nor_are_tried_with_every_scan(map_file, monkeypatch, capsys):
+    end = threading.Event()
+    monkeypatch.setattr(localiser_module, "find_pose", lambda window, cloud, stop: end.wait(10.0) and None)
+    with Localiser(map_file, background=True) as localiser:
+        progress = Progress("car/roof", localiser)
+        for number in range(30):
+            localiser.propose(pose_at(500, 500, 0))
+            begun = progress.begin()
+            progress.tracked(begun, localiser.take(scan_at(way(number), number, most=300)))
+        assert (localiser.searches, localiser.hints, localiser.wrong_hints) == (1, 3, 3)  # after 0, 0.5 and 1.5 s
+        assert progress.summary()["wrong_hints"] == 3
+        search = localiser._search
+        assert search is not None
+        end.set()
+        search._thread.join()
+    assert capsys.readouterr().err.count("do not fit the map") == 1
 
 
 def wait_for(stop):

@@ -17,6 +17,9 @@ EVERY_S: Final = 1.0
 REMEMBERED: Final = 10_000
 """Scans whose times and deviations are kept for the summary."""
 
+WRONG_HINTS: Final = 3
+"""So many hints in a row that do not fit are said, once."""
+
 
 class Progress:
     """Counts scans, and says when the position is found and lost."""
@@ -30,6 +33,7 @@ class Progress:
         self._state = "searching"
         self._fix: tuple[float, int] | None = None
         self._last: Estimate | None = None
+        self._wrong_before, self._hints_said = 0, False
         self.scans = self.poses = 0
         self._track_ms: deque[float] = deque(maxlen=REMEMBERED)
         self._sigmas: deque[float] = deque(maxlen=REMEMBERED)
@@ -53,6 +57,7 @@ class Progress:
                 self._sigmas.append(sigma_m(estimate.covariance))
                 self._shares.append(estimate.share * estimate.partners)
         self._say_change(estimates[-1].state)
+        self._say_hints()
         now_s = time.monotonic()
         if self._show and now_s - self._shown_s >= EVERY_S:
             self._shown_s = now_s
@@ -84,6 +89,8 @@ class Progress:
             "lost": self._localiser.tracker.lost_times,
             "searches": self._localiser.searches,
             "given_up": self._localiser.given_up,
+            "hints": self._localiser.hints,
+            "wrong_hints": self._localiser.wrong_hints,
             "sigma_m": _rounded(np.median(self._sigmas)) if self._sigmas else None,
             "share": _rounded(np.median(self._shares)) if self._shares else None,
             "pose": None if pose is None else [round(value, 6) for value in pose[:3].ravel().tolist()],
@@ -110,6 +117,13 @@ class Progress:
         elif state == "lost":
             self._say("lost: the scans do not lie in the map any more")
         self._state, self._changed_s = state, now_s
+
+    def _say_hints(self) -> None:
+        if self._state == "tracking":
+            self._wrong_before = self._localiser.wrong_hints
+        elif not self._hints_said and self._localiser.wrong_hints >= self._wrong_before + WRONG_HINTS:
+            self._hints_said = True
+            self._say("the poses on the key `odometry` do not fit the map: are they in its frame? The search goes on")
 
     def _say(self, text: str) -> None:
         clear = "\r\x1b[K" if self._show else ""

@@ -95,6 +95,8 @@ class Located(TypedDict):
     lost: Annotated[int, "how often the position was lost"]
     searches: Annotated[int, "searches over the whole map"]
     given_up: Annotated[int, "searches that took too long"]
+    hints: Annotated[int, "poses of `odometry` that were tried because none was known"]
+    wrong_hints: Annotated[int, "those where the scan did not lie in the map"]
     sigma_m: Annotated[float | None, "median standard deviation of the position, in its worst direction"]
     share: Annotated[float | None, "median share of a scan's returns that lie in the map"]
     pose: Annotated[list[float] | None, "the last pose: the upper three rows of T_world_sensor, row by row"]

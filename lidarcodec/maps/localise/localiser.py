@@ -24,6 +24,8 @@ MOST_WAITING: Final = 300
 """Scans that wait for a search. When more come, it is given up, because the sensor is elsewhere by then."""
 FIRST_REST_S, LONGEST_REST_S = 0.5, 30.0
 """Time from a search that found nothing to the next one, in the time of the scans; doubled each time."""
+LONGEST_HINT_REST_S: Final = 4.0
+"""The same for hints that did not fit."""
 END_S: Final = 5.0
 
 
@@ -31,6 +33,7 @@ class Localiser:
     """Finds one sensor in a map. A context manager.
 
     tracker: the last state;  searches: how many were begun;  given_up: how many took too long
+    hints: how many proposed poses were tried;  wrong_hints: how many of them did not fit
     """
 
     def __init__(self, path: Path, *, background: bool = False) -> None:
@@ -48,8 +51,9 @@ class Localiser:
         self._background = background
         self._search: _Search | None = None
         self._waiting: deque[Scan] = deque()
-        self._rest_s, self._next_ns = FIRST_REST_S, 0
-        self.searches = self.given_up = 0
+        self._search_rest, self._hint_rest = _Rest(LONGEST_REST_S), _Rest(LONGEST_HINT_REST_S)
+        self._hint: Matrix | None = None
+        self.searches = self.given_up = self.hints = self.wrong_hints = 0
 
     def __enter__(self) -> Self:
         return self
@@ -80,10 +84,11 @@ class Localiser:
         self.tracker.propose(pose)
 
     def propose(self, pose: Matrix) -> None:
-        """Try this approximate pose (4, 4) with the next scan, if none is known. It ends a search."""
-        if self.tracker.unknown:
-            self.tracker.propose(pose)
-            self._stop_search()
+        """Try this approximate pose (4, 4) with the next scan, if none is known.
+
+        A search goes on until the pose is confirmed. After a pose that did not fit, the next ones rest for a while.
+        """
+        self._hint = pose
 
     def take(self, scan: Scan) -> list[Estimate]:
         """Estimates that are known by now, in the order of their scans; the last one is of this scan.
@@ -94,10 +99,13 @@ class Localiser:
             return [self._tracked(scan)]
         self._waiting.append(scan)
         if not self._search.done:
-            if len(self._waiting) > MOST_WAITING:
+            beside = self._beside(scan)
+            if beside.state == "tracking":
+                self._stop_search()
+            elif len(self._waiting) > MOST_WAITING:
                 self.given_up += 1
                 self._stop_search()
-            return [Estimate(scan.stamp_ns, self.tracker.state, None, None, 0.0, 0.0)]
+            return [beside]
         search, waiting = self._search, list(self._waiting)
         self._search = None
         self._waiting.clear()
@@ -106,9 +114,32 @@ class Localiser:
             waiting = waiting[-1:]
         return [self._tracked(one) for one in waiting]
 
-    def _tracked(self, scan: Scan) -> Estimate:
+    def _beside(self, scan: Scan) -> Estimate:
+        """The estimate of a scan that comes during a search: a hint is tried, and confirmed by the next scans."""
+        if self.tracker.unknown and not self._hinted(scan):
+            self._hint = None
+            return Estimate(scan.stamp_ns, self.tracker.state, None, None, 0.0, 0.0)
+        return self._with_hint(scan)
+
+    def _hinted(self, scan: Scan) -> bool:
+        return self._hint is not None and self.tracker.unknown and self._hint_rest.over(scan.stamp_ns)
+
+    def _with_hint(self, scan: Scan) -> Estimate:
+        hinted, hint, self._hint = self._hinted(scan), self._hint, None
+        if hinted and hint is not None:
+            self.hints += 1
+            self.tracker.propose(hint)
         found = self.tracker.track(scan)
-        if self.tracker.unknown and scan.stamp_ns >= self._next_ns and self._search is None:
+        if hinted and self.tracker.unknown:
+            self.wrong_hints += 1
+            self._hint_rest.begin(scan.stamp_ns)
+        elif found.state == "tracking":
+            self._hint_rest.end()
+        return found
+
+    def _tracked(self, scan: Scan) -> Estimate:
+        found = self._with_hint(scan)
+        if self.tracker.unknown and self._search is None and self._search_rest.over(scan.stamp_ns):
             self.searches += 1
             self._search = _Search(self._searched, scan, self.tracker.cloud_of(scan))
             if self._background:
@@ -124,16 +155,36 @@ class Localiser:
         fit = search.result()
         if fit is not None:
             self.tracker.found(scan.stamp_ns, fit)
-            self._rest_s = FIRST_REST_S
-            return
-        self._next_ns = scan.stamp_ns + int(self._rest_s * 1e9)
-        self._rest_s = min(2 * self._rest_s, LONGEST_REST_S)
+            self._search_rest.end()
+        else:
+            self._search_rest.begin(scan.stamp_ns)
 
     def _stop_search(self) -> None:
         if self._search is not None:
             self._search.stop()
             self._search = None
         self._waiting.clear()
+
+
+class _Rest:
+    """A time between tries that failed, doubled each time, in the time of the scans."""
+
+    def __init__(self, longest_s: float) -> None:
+        self._longest_s = longest_s
+        self.end()
+
+    def begin(self, stamp_ns: int) -> None:
+        """Rest from this scan on."""
+        self._since_ns = stamp_ns
+        self._rest_s = min(2 * self._rest_s, self._longest_s) if self._rest_s else FIRST_REST_S
+
+    def end(self) -> None:
+        """Do not rest any more."""
+        self._since_ns, self._rest_s = 0, 0.0
+
+    def over(self, stamp_ns: int) -> bool:
+        """Whether the next try may begin. Stamps that go back belong to another drive."""
+        return not 0 <= stamp_ns - self._since_ns < self._rest_s * 1e9
 
 
 class _Search:

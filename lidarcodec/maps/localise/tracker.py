@@ -120,8 +120,9 @@ class Tracker:
 
     def propose(self, pose: Matrix) -> None:
         """Try an approximate pose (4, 4), up to 5 m and 20 degrees off, with the next scan, unless one is tracked."""
-        if self._known is None:
-            self._proposed = [pose @ turned_by(degrees) for degrees in TURNS_DEG]
+        if self._known is None:  # the place before stays, where the position was lost
+            turned = [pose @ turned_by(degrees) for degrees in TURNS_DEG]
+            self._proposed = [*turned, *self._proposed[: len(TURNS_DEG)]]
 
     def found(self, stamp_ns: int, fit: Fit) -> None:
         """Begin with a pose that a search found for an earlier scan."""
