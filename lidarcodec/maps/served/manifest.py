@@ -30,6 +30,10 @@ MAX_TILES: Final = 200_000
 """500 square kilometres."""
 MAX_TILE_BYTES: Final = 16 * 2**20
 """No tile of 4 million points has more."""
+SUMMARY: Final = (
+    "name", "version", "points", "bytes", "tiles", "tile_m", "step_m", "length_m", "frame", "origin", "bounds_m",
+)  # fmt: skip
+"""Fields of a map in a list of maps."""
 MAX_PATH_BYTES: Final = 16 * MOST_PATH
 
 
@@ -125,21 +129,31 @@ class Manifest:
         }
 
 
-def manifest_of(name: str, pages: list[dict[str, Any]]) -> Manifest:
-    """The manifest that pages of one version make. Raises SourceError for pages that make no sense."""
+def manifest_of(name: str, pages: Iterable[dict[str, Any]]) -> Manifest:
+    """The manifest that pages of one version make; of each, only its tiles are kept. All but the last are full.
+
+    Raises SourceError for pages that make no sense.
+    """
+    head, tiles, full = b"", list[Piece](), True
     try:
-        head = base64.b64decode(pages[0]["head"], validate=True)
-        about = about_of(head)
-        version = _hash(pages[0]["version"])
-        path = Piece(None, *_sized(pages[0]["path"], 0, MAX_PATH_BYTES))
-        tiles = tuple(_tile(told) for page in pages for told in page["places"])
+        for page in pages:
+            places = page["places"]
+            if not head:
+                head = base64.b64decode(page["head"], validate=True)
+                about = about_of(head)
+                version = _hash(page["version"])
+                path = Piece(None, *_sized(page["path"], 0, MAX_PATH_BYTES))
+            if len(places) > PAGE or (places and not full) or len(tiles) > MAX_TILES:
+                raise ValueError(f"a page of {len(places)} tiles")
+            tiles += map(_tile, places)
+            full = len(places) == PAGE
     except (KeyError, TypeError, ValueError, binascii.Error, DecodeError) as error:
         raise SourceError(f"the list of tiles of map '{name}' makes no sense: {error}") from None
     if len(head) != HEAD_BYTES or about.path_places > MOST_PATH or about.tiles != len(tiles):
         raise SourceError(f"the list of tiles of map '{name}' does not agree with the head of the map")
     if len({tile.place for tile in tiles}) != len(tiles):
         raise SourceError(f"the list of tiles of map '{name}' has two tiles at one place")
-    return Manifest(name, version, head, about, path, tiles)
+    return Manifest(name, version, head, about, path, tuple(tiles))
 
 
 def check_map_name(name: str) -> str:

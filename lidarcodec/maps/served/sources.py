@@ -6,13 +6,13 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from lidarcodec.errors import LidarCodecError, SourceError, TransportError
 from lidarcodec.maps.served.answers import HEAD, PART
-from lidarcodec.maps.served.manifest import KEY, MAX_TILES, Manifest, Piece, check_map_name, manifest_of
+from lidarcodec.maps.served.manifest import KEY, MAX_TILES, SUMMARY, Manifest, Piece, check_map_name, manifest_of
 from lidarcodec.maps.served.shelf import MAX_MAPS, ShelvedMap
 from lidarcodec.maps.served.stores import Pieces
 from lidarcodec.settings import is_name
@@ -29,6 +29,9 @@ MAX_WRONG: Final = 3
 """Most times that a tile may come with the wrong bytes."""
 MAX_CHANGES: Final = 10
 """Most times that a map may change while its list of tiles is fetched."""
+
+MOST_TEXT, MOST_NUMBERS = 64, 4
+"""Of a field of a map in a list of maps: its version has 64 characters, its bounds are four numbers."""
 
 
 class ChangedMapError(SourceError):
@@ -112,14 +115,10 @@ class NetworkTiles:
             first = self._told({"have": have.version} if have is not None else {})
             if have is not None and first.get("same") is True and first.get("version") == have.version:
                 return have
-            pages, version, wanted = [first], first.get("version"), _tiles_of(first)
-            while _counted(pages[-1]) and (listed := sum(map(_counted, pages))) < wanted:
-                page = self._told({"from": listed})
-                if page.get("version") != version:
-                    break
-                pages.append(page)
-            else:
-                return manifest_of(self.name, pages)
+            try:
+                return manifest_of(self.name, self._pages(first))
+            except ChangedMapError:
+                continue
         raise SourceError(f"map '{self.name}' changed {MAX_CHANGES} times while its list of tiles was fetched")
 
     def read(self, piece: Piece) -> bytes:
@@ -142,6 +141,19 @@ class NetworkTiles:
     def stop(self) -> None:
         """As of TileSource."""
         self._stop.set()
+
+    def _pages(self, page: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        """The pages of a list of tiles from the first on, each asked for when the one before was used."""
+        version, wanted, listed = page.get("version"), _tiles_of(page), 0
+        while True:
+            yield page
+            count = _counted(page)
+            listed += count
+            if not count or listed >= wanted:
+                return
+            page = self._told({"from": listed})
+            if page.get("version") != version:
+                raise ChangedMapError(f"map '{self.name}' has changed")
 
     def _part(self, piece: Piece, offset: int) -> bytes:
         size = min(self._parts.bytes, piece.size - offset)
@@ -224,9 +236,9 @@ def maps_on(transport: Transport, timeout_s: float = ANSWER_S) -> list[dict[str,
             logger.warning("a list of maps is refused: %s", error)
             continue
         for one in told if isinstance(told, list) else ():
-            name = one.get("name") if isinstance(one, dict) else None
-            if isinstance(name, str) and is_name(name) and len(found) < MAX_MAPS:
-                found.setdefault(name, one)
+            about = _summary(one)
+            if about is not None and len(found) < MAX_MAPS:
+                found.setdefault(about["name"], about)
     return [one for _, one in sorted(found.items())]
 
 
@@ -235,6 +247,20 @@ def _object(answer: bytes) -> dict[str, Any]:
         return read_object(answer, MAX_EVENT_BYTES)
     except JsonRefusedError as error:
         raise SourceError(f"the answer about a map cannot be read: {error}") from None
+
+
+def _summary(told: Any) -> dict[str, Any] | None:
+    """The fields of a map in a list of maps, without others; None if they make no sense."""
+    if not isinstance(told, dict) or not isinstance(told.get("name"), str) or not is_name(told["name"]):
+        return None
+    found = {field: told[field] for field in SUMMARY if field in told}
+    for value in found.values():
+        for one in value[:MOST_NUMBERS] if isinstance(value, list) else (value,):
+            if not isinstance(one, int | float | None) and (not isinstance(one, str) or len(one) > MOST_TEXT):
+                return None
+        if isinstance(value, list) and len(value) > MOST_NUMBERS:
+            return None
+    return found
 
 
 def _tiles_of(page: dict[str, Any]) -> int:

@@ -12,6 +12,7 @@ import pytest
 
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps import open_map, read_map
+from lidarcodec.maps.served import manifest as manifests
 from lidarcodec.maps.served.answers import HEAD, MapAnswers
 from lidarcodec.maps.served.manifest import KEY
 from lidarcodec.maps.served.shelf import MapShelf
@@ -215,6 +216,35 @@ def test_lists_of_tiles_that_make_no_sense_are_refused(lie, ends, server):
         open_map("town", transport=ends[1], patience_s=0.3)
 
 
+def test_of_the_pages_of_a_hostile_list_only_tiles_are_kept_and_short_ones_end_it(ends, server):
+    """A page of one tile and 100,000 empty lists; the second short page is refused."""
+    more = ", ".join(["[]"] * 100_000)
+
+    def hook(key, question, answer):
+        at = question.get("from", 0)
+        told = json.loads(answer) | {"tiles": 200_000, "places": [[at, 0, 1, "0" * 64]]}
+        return f'{json.dumps(told)[:-1]}, "x": [{more}]}}'.encode()
+
+    server.hook = hook
+    with pytest.raises(SourceError, match="a page of 1 tiles"):
+        open_map("town", transport=ends[1], patience_s=5.0)
+    assert len(server.asked) == 2
+
+
+def test_pages_come_one_after_the_other_and_a_list_that_changes_meanwhile_begins_anew(ends, server, monkeypatch):
+    monkeypatch.setattr(manifests, "PAGE", 4)
+    version = iter(["0" * 64])
+
+    def hook(key, question, answer):
+        told = json.loads(answer)
+        return json.dumps(told | {"version": next(version, told["version"])}).encode()
+
+    server.hook = hook
+    with open_map("town", transport=ends[1], patience_s=5.0) as found:
+        assert len(found.places) == 10
+    assert len(server.asked) == 2 + 3
+
+
 def test_tiles_that_do_not_decode_are_told_and_the_others_are_here(ends, town, server):
     shelved = server.shelf.get("town")
     bad = shelved.manifest.tiles[3]
@@ -263,4 +293,11 @@ def test_maps_of_all_servers_are_listed(ends, town, server, tmp_path):
     ends[0].answer_under(f"{KEY}/**", other.answer)
     ends[0].answer(KEY, lambda data: b"[[[")
     ends[0].answer(KEY, lambda data: json.dumps({"maps": [{"name": "\x1b[2J"}, {"name": 3}, 7]}).encode())
-    assert eventually(lambda: [one["name"] for one in maps_on(ends[1], 1.0)] == ["b", "town"])
+    big = {"name": "big", "version": "x" * 65}
+    wide = {"name": "wide", "bounds_m": [0] * 5}
+    more = {"name": "more", "x": [[]] * 1000, "points": 3}
+    ends[0].answer(KEY, lambda data: json.dumps({"maps": [big, wide, more]}).encode())
+    assert eventually(lambda: [one["name"] for one in maps_on(ends[1], 1.0)] == ["b", "more", "town"])
+    about, more, _ = maps_on(ends[1], 1.0)
+    assert tuple(about) == manifests.SUMMARY
+    assert more == {"name": "more", "points": 3}
