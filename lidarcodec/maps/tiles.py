@@ -76,6 +76,15 @@ def points_in(data: bytes) -> int:
     return _opened(data)[1]
 
 
+def place_in(data: bytes) -> tuple[int, int]:
+    """The place that a coded tile says it has, in widths of a tile, without decoding it.
+
+    Raises ChecksumError, TruncatedError, SectionError.
+    """
+    x, y, _ = _opened(data)[0]
+    return x, y
+
+
 def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
     """The tile of `encode_tile`. Memory is bounded: 4 points a byte, and 4 million points.
 

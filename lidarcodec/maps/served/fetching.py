@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import threading
 from collections.abc import Callable
@@ -11,10 +12,10 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, told
-from lidarcodec.maps.file import MapWriter
+from lidarcodec.maps.file import MapWriter, path_of
 from lidarcodec.maps.served.manifest import Manifest, Piece
 from lidarcodec.maps.served.sources import MAX_CHANGES, ChangedMapError, TileSource
-from lidarcodec.maps.tiles import points_in
+from lidarcodec.maps.tiles import place_in, points_in
 
 IN_FLIGHT: Final = 4
 SPARE_BYTES: Final = 16 * 2**20
@@ -119,19 +120,35 @@ class MapFetch:
 def write_fetched(file: BinaryIO, manifest: Manifest, tiles: list[Piece], read: Callable[[Piece], bytes]) -> int:
     """Write a map of tiles that were fetched; with all of them it has the bytes of the original.
 
-    Returns the number of its points. Raises SourceError for a tile that is damaged, or not where the list says.
+    file: empty, for writing and reading;  returns the number of points. Raises SourceError for a tile that is damaged,
+    or not where the list says, for a damaged path, and for a whole map that is not the one of the list.
     """
     about = manifest.about
     writer, points = MapWriter(file, about.head), 0
     for tile in tiles:
         assert tile.place is not None
+        data = read(tile)
         try:
-            data = read(tile)
-            count = points_in(data)
+            place, count = place_in(data), points_in(data)
         except DecodeError as error:
-            where = f"tile {tile.tail} of map '{manifest.name}'"
-            raise SourceError(f"{where} is damaged where it is served: {error}") from None
-        writer.append(*tile.place, data, count)
+            raise _damaged(f"tile {tile.tail}", manifest, error) from None
+        if place != tile.place:
+            raise _damaged(f"tile {tile.tail}", manifest, "it is the tile of another place")
+        writer.append(*place, data, count)
         points += count
-    writer.end(read(manifest.path), about.path_places, about.length_m)
+    path = read(manifest.path)
+    try:
+        path_of(path, about.path_places)
+    except DecodeError as error:
+        raise _damaged("the path", manifest, error) from None
+    writer.end(path, about.path_places, about.length_m)
+    if len(tiles) == len(manifest.tiles):
+        file.seek(0)
+        if hashlib.file_digest(file, "sha256").hexdigest() != manifest.version:
+            raise SourceError(f"map '{manifest.name}' is not the one of its list of tiles: it was served wrongly")
+        file.seek(0, 2)
     return points
+
+
+def _damaged(what: str, manifest: Manifest, why: object) -> SourceError:
+    return SourceError(f"{what} of map '{manifest.name}' is damaged where it is served: {why}")
