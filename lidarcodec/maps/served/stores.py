@@ -16,8 +16,8 @@ from lidarcodec.errors import SourceError
 from lidarcodec.files.piece_store import NAME, PieceStore
 
 MAX_FILES: Final = 200_000
-MAX_PARTS: Final = 64
-"""Incomplete pieces in memory; more than are fetched at once belong to tiles that have changed."""
+MAX_PARTS: Final = 16
+"""Incomplete pieces in memory: so many are fetched at once. Others belong to tiles that have changed."""
 
 
 class Pieces(Protocol):
@@ -35,7 +35,7 @@ class Pieces(Protocol):
 
 
 class MemoryPieces:
-    """Pieces in memory."""
+    """Pieces in memory of at most `max_bytes`, incomplete ones included, but always the newest."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
@@ -57,7 +57,9 @@ class MemoryPieces:
         """Add bytes of a piece; what is behind `offset` is replaced."""
         with self._lock:
             part = self._parts.setdefault(name, bytearray())
+            self._held -= len(part)
             part[offset:] = data
+            self._held += len(part)
             self._parts.move_to_end(name)
             self._drop()
 
@@ -65,6 +67,7 @@ class MemoryPieces:
         """Mark a piece as complete. False: its bytes were wrong, and are gone."""
         with self._lock:
             data = bytes(self._parts.pop(name, b""))
+            self._held -= len(data)
             if hashlib.sha256(data).hexdigest() != name:
                 return False
             if name not in self._whole:
@@ -82,15 +85,18 @@ class MemoryPieces:
             return self._whole[name]
 
     def _drop(self) -> None:
-        """Keep the limits, but always the newest piece."""
+        """Keep the limits, but always the newest piece. Parts are of use yet, so complete pieces go first."""
         while len(self._parts) > MAX_PARTS:
-            self._parts.popitem(last=False)
-        while len(self._whole) > 1 and self._held > self._max_bytes:
-            self._held -= len(self._whole.popitem(last=False)[1])
+            self._held -= len(self._parts.popitem(last=False)[1])
+        for held in (self._whole, self._parts):
+            while len(held) > 1 and self._held > self._max_bytes:
+                self._held -= len(held.popitem(last=False)[1])
 
 
 class FolderPieces(PieceStore):
-    """Pieces in a folder of at most `max_bytes`. Several processes may share it, but not fetch one piece at once.
+    """Pieces in a folder of at most `max_bytes`, incomplete ones included, but always the newest.
+
+    Several processes may share the folder, but not fetch one piece at once.
 
     Raises SourceError if the folder cannot be used.
     """
@@ -104,9 +110,16 @@ class FolderPieces(PieceStore):
             self._sizes[path.stem] = size
         self._held = sum(self._sizes.values())
 
-    def finish(self, name: str) -> bool:
+    def add(self, name: str, offset: int, data: bytes) -> None:
         """As of PieceStore; the pieces that were used least recently make room."""
+        super().add(name, offset, data)
+        self._use(name, offset + len(data))
+
+    def finish(self, name: str) -> bool:
+        """As of PieceStore."""
         if not super().finish(name):
+            with self._lock:
+                self._held -= self._sizes.pop(name, 0)
             return False
         with contextlib.suppress(OSError):
             self._use(name, self._path(name).stat().st_size)

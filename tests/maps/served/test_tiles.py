@@ -149,6 +149,25 @@ def test_what_is_in_the_cache_is_not_fetched_again_and_the_cache_has_a_limit(end
     assert not memory.has(hashlib.sha256(b"a" * 100).hexdigest(), 100)
 
 
+@pytest.mark.parametrize("where", ["folder", "memory"])
+def test_incomplete_pieces_count_as_well_and_make_room_for_newer_ones(where, tmp_path):
+    """As of tiles that are not there any more before their last bytes have come."""
+    store = FolderPieces(tmp_path, 5000) if where == "folder" else MemoryPieces(5000)
+    names = [hashlib.sha256(bytes([number]) * 1000).hexdigest() for number in range(30)]
+    for number, name in enumerate(names):
+        for offset, size in ((0, 500), (500, 490)):
+            store.add(name, offset, bytes([number]) * size)
+    assert [store.got(name) for name in names] == [0] * 25 + [990] * 5
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 5000
+    store.add(names[29], 990, bytes([29]) * 10)
+    assert store.finish(names[29])
+    assert store.has(names[29], 1000)
+    store.add(names[28], 500, bytes(500))
+    assert not store.finish(names[28])  # its bytes do not count any more
+    store.add(names[0], 0, bytes(1000))
+    assert [store.got(names[number]) for number in (25, 26, 27, 0)] == [990, 990, 990, 1000]
+
+
 def test_a_damaged_cache_is_fetched_again(ends, town, server, tmp_path):
     for _ in range(2):
         with open_map("town", radius_m=0.0, transport=ends[1], cache=tmp_path) as found:
