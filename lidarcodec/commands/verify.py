@@ -16,9 +16,10 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.recorded import LAYERS, RecordedFrames
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verdict import broken_promises, changed_since_the_start, missing_parts
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, promise_of, promise_refined
+from lidarcodec.recording.layer_counts import LAYERS
 from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 

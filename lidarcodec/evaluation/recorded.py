@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.regular import open_regular
@@ -15,11 +14,9 @@ from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.recording.layer_counts import LAYERS, LayerCounts
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
-
-LAYERS: Final = ("whole", "part", "base")
-"""How a frame of two layers can be refined."""
 
 
 class RecordedFrames:
@@ -36,13 +33,18 @@ class RecordedFrames:
         self._path = path
         self.message: Message | None = None
         self.refined: RefinedFrame | None = None
-        self.layers: Counter[str] = Counter()
+        self._layers = LayerCounts()
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         with open_regular(path) as handle:
             reader = RecordingReader(handle, warn=False)
             self.metadata = reader.metadata
             self._coded = next(reader.messages(), None) is not None
+
+    @property
+    def layers(self) -> Counter[str]:
+        """How many frames were refined."""
+        return self._layers.counts
 
     def settings(self) -> StreamSettings | None:
         """The settings in the metadata; None if there are none.
@@ -64,11 +66,10 @@ class RecordedFrames:
         decoder = StreamDecoder()
         with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
-            layered = (settings := self.settings()) is not None and settings.base_error_m is not None
             for message, frames in decoded(reader, reader.messages(), decoder.decode, self._fail, self._take):
                 self.message = message
-                if self.refined is not None or (layered and frames):
-                    self.layers[_layers(self.refined)] += 1
+                if frames:
+                    self._layers.add(reader, message, self.refined)
                 yield from frames
                 self.refined = None
             self.counts = reader.counts
@@ -99,9 +100,3 @@ class RecordedFrames:
             return []
         worst, _ = self.failed.most_common(1)[0]
         return [f"{self._path}: {total} messages could not be decoded and were skipped ({worst})"]
-
-
-def _layers(refined: RefinedFrame | None) -> str:
-    if refined is None or not refined.taken:
-        return "base"
-    return "whole" if refined.whole else "part"

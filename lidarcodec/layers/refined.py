@@ -31,14 +31,15 @@ class RefinedFrame:
     def __init__(self, base: Frame, message: Message) -> None:
         """base: as decoded from `message`, which holds this frame alone
 
-        Raises SectionError for a message that is no base: of another sensor than an HDL-64E, or without a bound.
+        Raises SectionError for a message that is no base: of another sensor than an HDL-64E, without a bound, or
+        lossless.
         """
         if not can_be_base(message):
             raise SectionError(f"frame {base.index} cannot be refined: it is no base")
         self.base: Final = base
         self._stream: Final = message.stream_id
         self._checksum: Final = checksum_of_base(base)
-        self._base_step: Final = int.from_bytes(message.section(SectionType.RANGE)[:_STEP_BYTES], "little")
+        self._base_step: Final = _step_of(message)
         self._exact_intensity: Final = _has_exact_intensity(message)
         self.sectors: Final = frozenset(nearest_ahead(base.azimuth))
         self.taken: set[int] = set()
@@ -101,11 +102,17 @@ class RefinedFrame:
 
 
 def can_be_base(message: Message) -> bool:
-    """Whether a message can be a base: it holds one frame of an HDL-64E, with all its columns and a bound."""
+    """Whether a message can be a base: it holds one frame of an HDL-64E, with all its columns and a bound above 0."""
     first = codec_name(message.codec)
     if message.planes or message.frame_count > 1 or not codec(first).layered:
         return False
-    return not message.has(SectionType.LATTICE) and len(message.section(SectionType.RANGE)) >= _STEP_BYTES
+    return not message.has(SectionType.LATTICE) and _step_of(message) > 1
+
+
+def _step_of(message: Message) -> int:
+    """The quantiser width of its ranges; 0 where the section is too short."""
+    head = message.section(SectionType.RANGE)[:_STEP_BYTES]
+    return int.from_bytes(head, "little") if len(head) == _STEP_BYTES else 0
 
 
 def _has_exact_intensity(message: Message) -> bool:

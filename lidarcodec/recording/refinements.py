@@ -23,20 +23,22 @@ class Refinements:
     """Refinements by stream and frame. The oldest frames are left out where too much would be kept.
 
     unread: refinements that are damaged, or whose frame did not come in time
+    came, came_bytes: all that came, taken or not, and their bytes
     """
 
     def __init__(self) -> None:
         self._of: OrderedDict[tuple[int, int], list[bytes]] = OrderedDict()
         self._bytes = 0
-        self.unread = 0
+        self.unread = self.came = self.came_bytes = 0
 
     def clear(self) -> None:
         """Forget all."""
         self._of.clear()
-        self._bytes = self.unread = 0
+        self._bytes = self.unread = self.came = self.came_bytes = 0
 
     def put(self, data: bytes) -> None:
         """Keep a refinement, of bytes that nobody has looked at."""
+        self.came, self.came_bytes = self.came + 1, self.came_bytes + len(data)
         try:
             head = peek_refinement(data)
         except DecodeError:

@@ -12,11 +12,13 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
+from lidarcodec.layers import RefinedFrame
 from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.recording.layer_counts import LayerCounts
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import check_recognised, find_sensor, read_calibration
 from lidarcodec.sources.base import PacketSource
@@ -32,7 +34,8 @@ class RecordingSource(PacketSource):
 
     channel: "packets" or "messages", which of the two is read
     Counts: `truncated` (1 if the file was cut), `damaged`, `position packets`, `undecoded messages`, `missing
-    references`, `frames without packets` (not made from packets).
+    references`, `frames without packets` (not made from packets), `not refined` (frames of two layers that are not
+    refined whole).
     """
 
     def __init__(
@@ -125,11 +128,16 @@ class RecordingSource(PacketSource):
             failed.append(error)
             del failed[1:]
 
-        decoder = StreamDecoder()
+        decoder, layers = StreamDecoder(), LayerCounts()
+        refined: list[RefinedFrame] = []
         with self._open() as file:
             reader = RecordingReader(file, warn)
             messages = reader.messages(start_ns, topic=self._topic)
-            for _, frames in decoded(reader, messages, decoder.decode, fail):
+            for message, frames in decoded(reader, messages, decoder.decode, fail, refined.append):
+                if frames:
+                    layers.add(reader, message, refined.pop() if refined else None)
+                    if left := layers.counts["part"] + layers.counts["base"]:
+                        counts["not refined"] = left
                 yield from frames
             yield from decoder.flush()
             _note(reader, counts)

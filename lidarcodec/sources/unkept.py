@@ -36,6 +36,7 @@ CAUSES: Final[dict[str, str]] = {
     "too long": "messages of more than 32 MiB",
     "undecoded messages": "messages that could not be decoded",
     "missing references": "messages whose reference is missing",
+    "not refined": "frames of two layers that are not refined whole",
     "frames without packets": "frames that were not made from packets",
     "packets of no interface": "packets of an interface that the capture does not describe",
     "points in one cell": "points behind a nearer one of the same firing",

@@ -36,11 +36,13 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def without(recording: Path, out: Path, *, lost: set[int], frames: set[int]) -> Path:
-    """The recording without some sectors of some frames, and the rest in another order."""
+def without(recording: Path, out: Path, *, lost: set[int], frames: set[int], settings: bool = True) -> Path:
+    """The recording without some sectors of some frames, and the rest in another order. settings: whether it says its
+    settings, as live recordings do not"""
     with recording.open("rb") as source, out.open("wb") as handle:
         reader = RecordingReader(source)
-        writer = RecordingWriter(handle, "vehicle", "lidar", None, reader.metadata)
+        about = {name: text for name, text in reader.metadata.items() if settings or name != "settings"}
+        writer = RecordingWriter(handle, "vehicle", "lidar", None, about)
         late: list[bytes] = []
         for channel, stored in reader.everything():
             data = stored.data()
@@ -83,6 +85,25 @@ def test_a_recording_read_as_a_source_has_exact_packets(recording: Path) -> None
     with open_source(SOURCE) as original, open_source(str(recording)) as read:
         given = [packet.payload for packet in original.packets()]
         assert [packet.payload for packet in read.packets()] == given
+
+
+def test_frames_that_are_not_refined_are_told_also_of_live_recordings(recording: Path, tmp_path: Path) -> None:
+    cut = without(recording, tmp_path / "cut.mcap", lost=set(range(12)), frames={0, 2}, settings=False)
+    recorded = RecordedFrames(cut)
+    assert len(list(recorded)) == 3
+    assert recorded.layers == {"whole": 1, "base": 2}
+    with open_source(str(cut)) as read:
+        assert sum(1 for _ in read.packets())
+        assert read.counts["not refined"] == 2
+    told = run("encode", str(cut), str(tmp_path / "again.mcap"))
+    assert "2 frames of two layers that are not refined whole" in told.stderr
+
+
+def test_one_layer_has_no_layers(tmp_path: Path) -> None:
+    run("encode", SOURCE, str(tmp_path / "one.mcap"), "--codec", "pcodec", "--frames", "1", "--set", "max_error_m=0.05")
+    recorded = RecordedFrames(tmp_path / "one.mcap")
+    assert len(list(recorded)) == 1
+    assert not recorded.layers
 
 
 def test_damaged_refinements_are_counted_and_change_nothing(recording: Path, tmp_path: Path) -> None:

@@ -24,11 +24,12 @@ from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
 from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.evaluation.recorded import LAYERS, RecordedFrames
+from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.files.whole import Whole, whole
 from lidarcodec.frame import Frame
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import frames_of
+from lidarcodec.recording.layer_counts import LAYERS
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
