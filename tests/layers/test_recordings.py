@@ -29,9 +29,8 @@ SOURCE = "sim:city?frames=3&seed=4"
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two layers of three turns."""
     out = tmp_path_factory.mktemp("layers") / "both.mcap"
-    told = json.loads(
-        run("encode", SOURCE, str(out), "--codec", "pcodec", "--set", "base_error_m=0.05", "--json").stdout
-    )
+    options = ["--codec", "pcodec", "--set", "base_error_m=0.05", "--set", "key_interval=1", "--json"]
+    told = json.loads(run("encode", SOURCE, str(out), *options).stdout)
     assert 0 < told["refinement_bytes"] < told["coded_bytes"]
     return out
 
@@ -152,9 +151,25 @@ def test_writers_refuse_what_is_no_refinement() -> None:
             writer.write_refinement(given.refinable.code(0) + b"\0")
 
 
+def test_refinements_that_come_after_the_next_frame_go_with_their_own(recording: Path, tmp_path: Path) -> None:
+    late = without(recording, tmp_path / "late.mcap", lost=set(), frames=set())  # all behind the last message
+    run("cut", str(late), str(tmp_path / "part.mcap"), "--every", "0.1")
+    parts = sorted(tmp_path.glob("part-*.mcap"))
+    assert len(parts) == 3
+    for part in parts:
+        assert verify(part, SOURCE, allow_part=True)["layers"] == {"whole": 1, "part": 0, "base": 0}
+    run("cut", str(late), str(tmp_path / "first.mcap"), "--frames", "1")
+    assert verify(tmp_path / "first.mcap", SOURCE, allow_part=True)["packets_identical"]
+    told = json.loads(run("info", str(parts[0]), "--json").stdout)
+    assert told["refinements"] == 12
+    assert 0 < told["bytes of refinements"] < parts[0].stat().st_size
+
+
 def test_cut_and_join_keep_both_layers(recording: Path, tmp_path: Path) -> None:
     for name, more in (("one", ["--frames", "1"]), ("two", ["--skip", "1", "--frames", "1"])):
         run("cut", str(recording), str(tmp_path / f"{name}.mcap"), *more)
-    assert RecordedFrames(tmp_path / "one.mcap").settings() == lidarcodec.StreamSettings(base_error_m=0.05)
+    assert RecordedFrames(tmp_path / "one.mcap").settings() == lidarcodec.StreamSettings(
+        base_error_m=0.05, key_interval=1
+    )
     assert verify(tmp_path / "one.mcap", SOURCE, allow_part=True)["layers"] == {"whole": 1, "part": 0, "base": 0}
     assert verify(tmp_path / "two.mcap", SOURCE, allow_part=True)["layers"]["whole"] >= 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, Final, NamedTuple
 
 from lidarcodec import wire
 from lidarcodec.commands.cut.parts import Cut, say, write
@@ -13,9 +13,16 @@ from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import Whole
+from lidarcodec.layers import peek_refinement
 from lidarcodec.recording import RecordingReader, RecordingWriter
-from lidarcodec.recording.layout import MESSAGE_ENCODING, PACKET_ENCODING
+from lidarcodec.recording.layout import MESSAGE_ENCODING, PACKET_ENCODING, REFINE_ENCODING
+from lidarcodec.recording.order import REACH
 from lidarcodec.recording.records import Channel, Stored
+
+_MOST_HELD: Final = 1000
+"""Most messages that wait for refinements of the part before."""
+_REMEMBERED: Final = 64
+"""Newest frames whose part is remembered for their refinements: more than any refinement is late."""
 
 
 class Unit(NamedTuple):
@@ -138,11 +145,50 @@ def _chosen(units: Sequence[Unit], selection: Selection) -> Iterator[tuple[int, 
         passed = after
 
 
+class _Held(NamedTuple):
+    part: int
+    unit: int
+    item: tuple[Channel, Stored]
+
+
 def _numbered(reader: RecordingReader, plan: Plan) -> Iterator[tuple[int, tuple[Channel, Stored]]]:
-    """Every message that is copied, with the number of its part. Points and poses belong to the unit before them."""
-    unit = -1
+    """Every message that is copied, with the number of its part. Points and poses belong to the unit before them,
+    refinements to their frame: those that come up to REACH units later go before the next part."""
+    held: list[_Held] = []  # what begins the next parts
+    parts: dict[tuple[int, int], int | None] = {}  # of frames, by stream and index
+    unit, written = -1, 0
     for channel, stored in reader.everything():
         unit += _is_unit(channel)
         part = plan.part(unit)
-        if part is not None:
+        if channel.encoding == REFINE_ENCODING:
+            part = parts.get(_base_of(stored), part)
+        elif channel.encoding == MESSAGE_ENCODING:
+            parts[_frame_of(stored)] = part
+            if len(parts) > _REMEMBERED:
+                del parts[next(iter(parts))]
+        if part is not None and part <= written:
             yield part, (channel, stored)
+        elif part is not None:
+            held.append(_Held(part, unit, (channel, stored)))
+        while held and (unit - held[0].unit > REACH or len(held) > _MOST_HELD):
+            written = held[0].part
+            yield from ((written, one.item) for one in held if one.part == written)
+            held = [one for one in held if one.part != written]
+    for one in sorted(held, key=lambda one: one.part):  # keeps the order within a part
+        yield one.part, one.item
+
+
+def _frame_of(stored: Stored) -> tuple[int, int]:
+    try:
+        header = wire.peek(stored.data(wire.HEADER_BYTES))
+    except DecodeError:
+        return -1, -1
+    return header.stream_id, header.frame_index
+
+
+def _base_of(stored: Stored) -> tuple[int, int]:
+    try:
+        head = peek_refinement(stored.data())
+    except DecodeError:
+        return -1, -1
+    return head.stream_id, head.frame_index

@@ -60,6 +60,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 }
             if len(rows) < SHOWN_MESSAGES:
                 rows.append(row)
+        refinements = reader.refinements
         counts = dict(reader.counts)
         recorded = Counter("position packets" if packet.position else "packets" for packet in reader.packets())
     found = {
@@ -69,6 +70,11 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "key messages": keys,
         "frames": frames,
         "damaged messages": damaged,
+        **(
+            {"refinements": refinements.came, "bytes of refinements": refinements.came_bytes}
+            if refinements.came
+            else {}
+        ),
         "raw packets": recorded["packets"],
         **({"position packets": positions} if (positions := recorded["position packets"] + coded_positions) else {}),
         "begins": time_text(stamps[0]) if stamps else None,

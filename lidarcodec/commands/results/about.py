@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -30,6 +30,7 @@ class RecordingInfo(TypedDict):
     duration_s: Annotated[float | None, "seconds from the first to the last message"]
     codecs: Annotated[dict[str, int], "number of messages of each codec"]
     noticed: Annotated[dict[str, int], "damage that was noticed, by kind"]
+    refinements: NotRequired[Annotated[int, "of two layers: refinements; `bytes of refinements` has their size"]]
 
 
 class MessageInfo(TypedDict):
