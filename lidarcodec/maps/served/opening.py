@@ -46,11 +46,11 @@ def open_map(
     cache: folder for coded tiles of at most `max_cache_bytes`, of which none is fetched again; without one they stay in
     memory
     radius_m, max_points, in_flight: see MapTiles
-    patience_s: how long the network is waited for, and then the list of tiles
+    patience_s: how long the network is waited for, then the list of tiles, and later the path
 
     Raises SourceError if there is no such map, TransportError, SettingsError.
     """
-    options = {"radius_m": radius_m, "max_points": max_points, "in_flight": in_flight}
+    options = {"radius_m": radius_m, "max_points": max_points, "in_flight": in_flight, "patience_s": patience_s}
     path = Path(where)
     if path.suffix.lower() == ENDING:
         return MapTiles(FileTiles(path), **options)  # type: ignore[arg-type]

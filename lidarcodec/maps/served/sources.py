@@ -54,8 +54,11 @@ class TileSource(Protocol):
     def manifest(self, have: Manifest | None = None) -> Manifest:
         """The list of tiles as it is now; `have` itself if nothing changed. Raises SourceError."""
 
-    def read(self, piece: Piece) -> bytes:
-        """The bytes of a tile, or of the path. Raises ChangedMapError, SourceError."""
+    def read(self, piece: Piece, patience_s: float | None = None) -> bytes:
+        """The bytes of a tile, or of the path. patience_s: longest time without any answer; by default the source's
+
+        Raises ChangedMapError, SourceError.
+        """
 
     def stop(self) -> None:
         """End what blocks with StoppedFetchError, and give back what is held."""
@@ -80,7 +83,7 @@ class FileTiles:
                 logger.debug("%s; the map before is used", error)
         return self._shelved.manifest
 
-    def read(self, piece: Piece) -> bytes:
+    def read(self, piece: Piece, patience_s: float | None = None) -> bytes:
         """As of TileSource."""
         shelved = self._shelved
         if shelved.pieces.get(piece.place) != piece:
@@ -121,13 +124,13 @@ class NetworkTiles:
                 continue
         raise SourceError(f"map '{self.name}' changed {MAX_CHANGES} times while its list of tiles was fetched")
 
-    def read(self, piece: Piece) -> bytes:
+    def read(self, piece: Piece, patience_s: float | None = None) -> bytes:
         """As of TileSource. Parts that are here are not fetched again."""
         for _ in range(MAX_WRONG):
             if not self._store.has(piece.hash, piece.size):
                 offset = min(self._store.got(piece.hash), piece.size)
                 while offset < piece.size:
-                    data = self._part(piece, offset)
+                    data = self._part(piece, offset, patience_s)
                     self._store.add(piece.hash, offset, data)
                     offset += len(data)
                 if not self._store.finish(piece.hash):
@@ -155,10 +158,10 @@ class NetworkTiles:
             if page.get("version") != version:
                 raise ChangedMapError(f"map '{self.name}' has changed")
 
-    def _part(self, piece: Piece, offset: int) -> bytes:
+    def _part(self, piece: Piece, offset: int, patience_s: float | None) -> bytes:
         size = min(self._parts.bytes, piece.size - offset)
         question = {"hash": piece.hash, "offset": offset, "bytes": size}
-        answer, took_s = self._ask(f"{KEY}/{self.name}/{piece.tail}", question)
+        answer, took_s = self._ask(f"{KEY}/{self.name}/{piece.tail}", question, patience_s)
         if not answer or answer[0] != PART:
             told = _object(answer)
             if told.get("field") == "tile":
@@ -189,12 +192,12 @@ class NetworkTiles:
                 raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
             self._pause(min(max(float(retry_s), 0.05), LONGEST_WAIT_S))
 
-    def _ask(self, key: str, question: dict[str, Any]) -> tuple[bytes, float]:
+    def _ask(self, key: str, question: dict[str, Any], patience_s: float | None = None) -> tuple[bytes, float]:
         """The answer, and how long it took in s. Waits until there is one."""
         data, wait_s = json.dumps(question).encode(), FIRST_WAIT_S
         begun_s = time.monotonic()
         while True:
-            self._check_going(begun_s)
+            self._check_going(begun_s, self.patience_s if patience_s is None else patience_s)
             asked_s = time.monotonic()
             try:
                 answer = self._transport().ask(key, data, ANSWER_S, beside=True)
@@ -213,12 +216,12 @@ class NetworkTiles:
         if self._stop.wait(seconds):
             raise StoppedFetchError("the fetch was stopped")
 
-    def _check_going(self, begun_s: float) -> None:
+    def _check_going(self, begun_s: float, patience_s: float) -> None:
         if self._stop.is_set():
             raise StoppedFetchError("the fetch was stopped")
-        if time.monotonic() - max(begun_s, self._answered_s) > self.patience_s:
+        if time.monotonic() - max(begun_s, self._answered_s) > patience_s:
             raise SourceError(
-                f"nobody answered about map '{self.name}' for {self.patience_s:g} s: is it served under this name, and "
+                f"nobody answered about map '{self.name}' for {patience_s:g} s: is it served under this name, and "
                 "is the network connected?"
             )
 

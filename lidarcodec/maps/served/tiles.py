@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -38,12 +38,19 @@ class FullError(SourceError):
     """There is no room for the points of a tile."""
 
 
+class _Failure(NamedTuple):
+    """Why a tile could not be had, and from when on it is tried again, in time.monotonic."""
+
+    again_s: float
+    why: str
+
+
 @dataclass(frozen=True)
 class TilesState:
     """State of the tiles around the position.
 
     here, missing: numbers of tiles within the radius;  points: that are held;  received: bytes from the network
-    waiting: what is waited for, or None;  error: why the last tile or list could not be had, or None
+    waiting: what is waited for, or None;  error: why the nearest missing tile, or the list, could not be had, or None
     """
 
     here: int
@@ -67,11 +74,13 @@ class MapTiles:
         radius_m: float = 150.0,
         max_points: int = 5_000_000,
         in_flight: int = 4,
+        patience_s: float = 10.0,
         closing: Callable[[], object] = lambda: None,
     ) -> None:
         """radius_m: tiles within this distance of the position are held; infinity: the whole map
         max_points: points that are held, 30 bytes each; farther tiles are left out
         in_flight: tiles that are fetched at once;  closing: called at the end
+        patience_s: longest time without any answer while the path is fetched
 
         Asks for the list of tiles, and blocks until it is there. Raises SourceError, SettingsError.
         """
@@ -80,15 +89,17 @@ class MapTiles:
         if not 1 <= in_flight <= 16:
             raise SettingsError("between 1 and 16 tiles are fetched at once", "in_flight")
         self._source, self._radius_m, self._max_points, self._closing = source, radius_m, max_points, closing
+        self._patience_s = patience_s
         self._condition = threading.Condition()
+        self._path_lock = threading.Lock()
         self._decoding = threading.Lock()
         self._stopped, self._stale = False, False
         self._position: tuple[float, float] | None = None
         self._wanted: list[Piece] = []
         self._here: dict[Place, tuple[str, Tile]] = {}
         self._busy: set[Place] = set()
-        self._later_s: dict[str, float] = {}
-        self._error: str | None = None
+        self._failed: dict[str, _Failure] = {}
+        self._list_error: str | None = None
         self._points: tuple[int, MapPoints] | None = None
         self.serial = 0
         self._looked_s = time.monotonic()
@@ -118,11 +129,16 @@ class MapTiles:
     def path(self) -> npt.NDArray[np.float32]:
         """(P, 3) metres: where the sensor was, about one place a metre; empty if the map has none.
 
-        It is fetched when it is first asked for. Raises SourceError.
+        It is fetched when it is first asked for, which blocks. Raises SourceError, also after `patience_s` without any
+        answer, and when `close` is called meanwhile.
         """
         manifest = self._manifest
         try:
-            return path_of(self._source.read(manifest.path), manifest.about.path_places)
+            with self._path_lock:  # a piece is fetched by one thread at a time
+                data = self._source.read(manifest.path, self._patience_s)
+            return path_of(data, manifest.about.path_places)
+        except StoppedFetchError:
+            raise SourceError(f"map '{self.name}' was closed while its path was fetched") from None
         except DecodeError as error:
             raise SourceError(f"the path of map '{self.name}' cannot be decoded: {error}") from None
 
@@ -170,7 +186,8 @@ class MapTiles:
         """How far it is."""
         with self._condition:
             wanted, missing = self._wanted, self._missing()
-            error = self._error if missing else None
+            errors = [self._failed[tile.hash].why for tile in missing if tile.hash in self._failed]
+            error = (errors[0] if errors else self._list_error) if missing else None
             here, source = len(wanted) - len(missing), self._source
             return TilesState(here, len(missing), self._held(), source.received, source.waiting, error)
 
@@ -209,7 +226,7 @@ class MapTiles:
         }
         if len(kept) < len(self._here) or not alike:
             self.serial += 1
-        self._here, self._later_s = kept, {}
+        self._here, self._failed = kept, {}
         self._choose()
 
     def _choose(self) -> None:
@@ -226,7 +243,7 @@ class MapTiles:
             del self._here[place]
         if gone:
             self.serial += 1
-            self._later_s = {name: at_s for name, at_s in self._later_s.items() if at_s < math.inf}
+            self._failed = {name: one for name, one in self._failed.items() if one.again_s < math.inf}
 
     def _missing(self) -> list[Piece]:
         return [tile for tile in self._wanted if tile.place not in self._here]
@@ -235,7 +252,8 @@ class MapTiles:
         """The nearest tile that is missing, and that nobody fetches."""
         now_s = time.monotonic()
         for tile in self._missing():
-            if tile.place not in self._busy and self._later_s.get(tile.hash, 0.0) <= now_s:
+            failed = self._failed.get(tile.hash)
+            if tile.place not in self._busy and (failed is None or failed.again_s <= now_s):
                 return tile
         return None
 
@@ -245,7 +263,7 @@ class MapTiles:
         while True:
             with self._condition:
                 while not self._stopped and (tile := self._next()) is None:
-                    self._condition.wait(AGAIN_S if self._later_s else None)
+                    self._condition.wait(AGAIN_S if self._failed else None)
                 if self._stopped:
                     return
                 assert tile is not None
@@ -280,16 +298,17 @@ class MapTiles:
         with self._condition:
             if self._tiles.get(place) == tile and head == self.head:
                 self._here[place] = tile.hash, found
+                self._failed.pop(tile.hash, None)
                 self.serial += 1
 
     def _put_off(self, tile: Piece, error: Exception) -> None:
         """Try a tile again later; one without room when others have gone."""
         self._stale = self._stale or isinstance(error, ChangedMapError)
-        self._later_s[tile.hash] = math.inf if isinstance(error, FullError) else time.monotonic() + AGAIN_S
-        said = str(error) if isinstance(error, LidarCodecError) else f"{type(error).__name__}: {error}"
-        if said != self._error:
-            logger.warning("%s", said)
-        self._error = said
+        again_s = math.inf if isinstance(error, FullError) else time.monotonic() + AGAIN_S
+        why = str(error) if isinstance(error, LidarCodecError) else f"{type(error).__name__}: {error}"
+        if all(why != one.why for one in self._failed.values()):
+            logger.warning("%s", why)
+        self._failed[tile.hash] = _Failure(again_s, why)
 
     def _room_for(self, points: int) -> bool:
         """Whether so many points more may be held."""
@@ -311,18 +330,17 @@ class MapTiles:
                     return
                 self._stale = False
                 have = self._manifest
+            error: str | None = None
             try:
                 fresh = self._source.manifest(have)
             except StoppedFetchError:
                 return
             except BaseException as failure:
-                error = told(failure)
-                fresh = have
-                with self._condition:
-                    self._error = str(error)
+                fresh, error = have, str(told(failure))
                 logger.debug("the list of tiles: %s", error)
             self._looked_s = time.monotonic()
             with self._condition:
+                self._list_error = error
                 if fresh is not have:
                     logger.info("map '%s' changed to version %.12s", fresh.name, fresh.version)
                     self._take(fresh)

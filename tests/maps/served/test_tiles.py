@@ -311,6 +311,35 @@ def test_tiles_that_do_not_decode_are_told_and_the_others_are_here(ends, town, s
         assert found.state().here == 9
 
 
+def test_an_error_is_told_until_the_tile_or_the_list_is_here_again(ends, server):
+    broken = True
+    refused = json.dumps({"error": "the disk is broken"}).encode()
+    server.hook = lambda key, question, answer: refused if broken else answer
+    with pytest.raises(SourceError, match="the disk is broken"):
+        open_map("town", transport=ends[1])
+    broken = False
+    with open_map("town", radius_m=10.0, transport=ends[1]) as found:
+        broken = True
+        found.move(20.0, 10.0)
+        assert eventually(lambda: "the disk is broken" in (found.state().error or ""))
+        broken = False
+        assert eventually(lambda: found.wait(1.0))
+        server.hook = lambda key, question, answer: None if key.count("/") == 5 else answer
+        found.move(130.0, 10.0)
+        assert eventually(lambda: found.state().waiting is not None)
+        assert eventually(lambda: found.state().missing > 0 and found.state().error is None)
+
+
+def test_the_path_is_waited_for_as_long_as_was_asked_and_not_beyond_the_end(ends, server):
+    found = open_map("town", transport=ends[1], patience_s=0.3)
+    server.hook = lambda key, question, answer: None
+    with pytest.raises(SourceError, match=r"nobody answered about map 'town' for 0.3 s"):
+        assert found.path is None
+    found.close()
+    with pytest.raises(SourceError, match="was closed"):
+        assert found.path is None
+
+
 def test_points_have_a_limit_and_the_nearest_tiles_are_here(ends, town):
     with open_map(town, radius_m=math.inf, max_points=1200) as found:
         found.move(0.0, 0.0)
@@ -329,8 +358,11 @@ def test_a_map_that_nobody_serves_and_wrong_options_are_errors(ends, town, tmp_p
     for wrong in ({"radius_m": -1.0}, {"radius_m": math.nan}, {"in_flight": 0}):
         with pytest.raises(SettingsError):
             open_map(town, **wrong)
-    with open_map(town) as found, pytest.raises(SettingsError, match="finite"):
-        found.move(math.nan, 0.0)
+    with open_map(town, radius_m=1e200) as found:
+        with pytest.raises(SettingsError, match="finite"):
+            found.move(math.nan, 0.0)
+        found.move(0.0, 0.0)
+        assert found.wait(10.0)
 
 
 def test_maps_of_all_servers_are_listed(ends, town, server, tmp_path):
