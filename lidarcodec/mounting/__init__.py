@@ -59,7 +59,8 @@ class Mounting:
             if not isinstance(value, int | float) or isinstance(value, bool):
                 raise SettingsError(f"{name} of a mounting is {str(value)[:40]!r}, not a number", "mount")
             if not abs(value) <= most:  # NaN is not
-                raise SettingsError(f"{name} of a mounting is {value:g}; allowed is -{most:g} to {most:g}", "mount")
+                shown = f"{value:g}" if isinstance(value, float) else f"{value if abs(value) < 10**9 else 'huge'}"
+                raise SettingsError(f"{name} of a mounting is {shown}; allowed is -{most:g} to {most:g}", "mount")
             object.__setattr__(self, name, float(value))
 
     @classmethod

@@ -30,14 +30,17 @@ def street(length_m=60.0, seed=1, step_m=0.02, per_m2=6.0):
 def court(half_x_m, half_y_m, seed=1, step_m=0.02, points=2500):
     """Four walls around the middle of a tile, and a ground: turned by 180 degrees it looks the same."""
     random = np.random.default_rng(seed)
-    along, high, sign = random.uniform(-1, 1, (4, points)), random.uniform(0.1, 5, points), random.choice([-1, 1], points)
+    along, high = random.uniform(-1, 1, (4, points)), random.uniform(0.1, 5, points)
+    sign = random.choice([-1, 1], points)
     xyz = np.concatenate([
         np.stack([half_x_m * along[0], half_y_m * along[1], np.zeros(points)], axis=1),
         np.stack([half_x_m * along[2], half_y_m * sign, high], axis=1),
         np.stack([half_x_m * sign, half_y_m * along[3], high], axis=1),
     ])  # fmt: skip
     normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], points, axis=0)
-    steps, chosen = np.unique(np.rint((xyz + [25, 25, 0]) / step_m).astype(np.int64), axis=0, return_index=True)
+    steps, chosen = np.unique(
+        np.rint((xyz + np.array([25, 25, 0])) / step_m).astype(np.int64), axis=0, return_index=True
+    )
     a, b = packed_normals(normals[chosen])
     return MapPoints(step_m, steps, {"normal_a": a, "normal_b": b})
 

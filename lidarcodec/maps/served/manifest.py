@@ -91,7 +91,7 @@ class Manifest:
     def near(self, x_m: float, y_m: float, radius_m: float) -> list[tuple[float, Piece]]:
         """Tiles within a distance of a position, the nearest first, each behind its distance in metres."""
         tiles: Iterable[Piece] = self.tiles
-        if (2 * radius_m / TILE_M + 3) ** 2 < len(self.tiles):  # then looking around is less work
+        if 2 * radius_m / TILE_M + 3 < math.sqrt(len(self.tiles)):  # then looking around is less work
             columns, rows = (
                 range(math.floor((at - radius_m) / TILE_M), math.floor((at + radius_m) / TILE_M) + 1)
                 for at in (x_m, y_m)
@@ -143,9 +143,7 @@ def manifest_of(name: str, pages: Iterable[dict[str, Any]]) -> Manifest:
                 about = about_of(head)
                 version = _hash(page["version"])
                 path = Piece(None, *_sized(page["path"], 0, MAX_PATH_BYTES))
-            if len(places) > PAGE or (places and not full) or len(tiles) > MAX_TILES:
-                raise ValueError(f"a page of {len(places)} tiles")
-            tiles += map(_tile, places)
+            tiles += _tiles(places, PAGE if full else 0)
             full = len(places) == PAGE
     except (KeyError, TypeError, ValueError, binascii.Error, DecodeError) as error:
         raise SourceError(f"the list of tiles of map '{name}' makes no sense: {error}") from None
@@ -161,6 +159,13 @@ def check_map_name(name: str) -> str:
     if not is_name(name) or not name.strip("."):
         raise SourceError(f"'{name}' cannot be the name of a map: it has 1 to 64 of A-Z a-z 0-9 _ . -")
     return name
+
+
+def _tiles(places: Any, most: int) -> list[Piece]:
+    """The tiles of a page."""
+    if len(places) > most:
+        raise ValueError(f"a page of {len(places)} tiles")
+    return [_tile(told) for told in places]
 
 
 def _tile(told: Any) -> Piece:
