@@ -18,13 +18,16 @@ from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.whole import beside, whole
 from lidarcodec.maps.served.answers import MapAnswers
 from lidarcodec.maps.served.fetching import Around, MapFetch, write_fetched
+from lidarcodec.maps.served.manifest import KEY
 from lidarcodec.maps.served.shelf import MapShelf
-from lidarcodec.maps.served.sources import NetworkTiles, StoppedFetchError, maps_on
+from lidarcodec.maps.served.sources import ANSWER_S, NetworkTiles, StoppedFetchError, maps_on
 from lidarcodec.maps.served.stores import FolderPieces
-from lidarcodec.transport import open_transport
+from lidarcodec.transport import Transport, open_transport
 
 NO_LIMIT: Final = 1 << 62
 LIST_S: Final = 1.0
+AGREED_S: Final = 2.0
+"""A map is unknown if it is so after this time as well: its server may be starting, or far away."""
 
 
 def run_serve(paths: list[Path], given: Given, as_json: bool) -> None:
@@ -84,9 +87,7 @@ def run_fetch(wanted: Wanted, given: Given, *, force: bool, as_json: bool) -> No
     stop = threading.Event()
     with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
         source = NetworkTiles(wanted.name, lambda: transport, store, wanted.patience_s)
-        served = [one["name"] for one in maps_on(transport, LIST_S)]
-        if served and wanted.name not in served:
-            raise UnknownNameError("map", wanted.name, served)
+        check_served(transport, wanted.name, stop)
         fetch = MapFetch(source, part)
         folder = wanted.out.absolute().parent
         try:
@@ -115,6 +116,20 @@ def run_fetch(wanted: Wanted, given: Given, *, force: bool, as_json: bool) -> No
         f"{size:,} bytes, {source.received:,} bytes received"
     )
     tell(found, text, as_json)
+
+
+def check_served(transport: Transport, name: str, stop: threading.Event) -> None:
+    """Raise UnknownNameError if nobody answers about this map, twice, and others say which maps they serve.
+
+    Without any answer there may be no link yet, which is waited for elsewhere.
+    """
+    for _ in range(2):
+        if transport.ask(f"{KEY}/{name}", b"", ANSWER_S) is not None:
+            return
+        served = [one["name"] for one in maps_on(transport, LIST_S)]
+        if not served or name in served or stop.wait(AGREED_S):
+            return
+    raise UnknownNameError("map", name, served)
 
 
 def _progress(source: NetworkTiles, fetch: MapFetch) -> str:

@@ -171,7 +171,7 @@ class _Rest:
 
     def __init__(self, longest_s: float) -> None:
         self._longest_s = longest_s
-        self.end()
+        self._since_ns, self._rest_s = 0, 0.0
 
     def begin(self, stamp_ns: int) -> None:
         """Rest from this scan on."""

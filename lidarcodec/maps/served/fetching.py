@@ -144,7 +144,8 @@ def write_fetched(file: BinaryIO, manifest: Manifest, tiles: list[Piece], read: 
     writer.end(path, about.path_places, about.length_m)
     if len(tiles) == len(manifest.tiles):
         file.seek(0)
-        if hashlib.file_digest(file, "sha256").hexdigest() != manifest.version:
+        digest = hashlib.file_digest(file, "sha256")  # type: ignore[arg-type]
+        if digest.hexdigest() != manifest.version:
             raise SourceError(f"map '{manifest.name}' is not the one of its list of tiles: it was served wrongly")
         file.seek(0, 2)
     return points

@@ -6,8 +6,6 @@ import hashlib
 import json
 import math
 import threading
-from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -16,9 +14,8 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps import open_map, read_map
 from lidarcodec.maps.served import manifest as manifests
 from lidarcodec.maps.served.answers import HEAD, MapAnswers
-from lidarcodec.maps.served.fetching import write_fetched
 from lidarcodec.maps.served.manifest import KEY
-from lidarcodec.maps.served.shelf import MapShelf, ShelvedMap
+from lidarcodec.maps.served.shelf import MapShelf
 from lidarcodec.maps.served.sources import NetworkTiles, maps_on
 from lidarcodec.maps.served.stores import FolderPieces, MemoryPieces
 from tests.maps.served.conftest import changed, write
@@ -265,29 +262,6 @@ def test_pages_come_one_after_the_other_and_a_list_that_changes_meanwhile_begins
     with open_map("town", transport=ends[1], patience_s=5.0) as found:
         assert len(found.places) == 10
     assert len(server.asked) == 2 + 3
-
-
-def test_a_fetched_map_is_refused_if_it_is_not_the_one_of_the_list(town):
-    shelved = ShelvedMap("town", town)
-    whole = shelved.manifest
-    one, two, *rest = whole.tiles
-
-    def written(tiles, pieces, manifest=whole):
-        file = BytesIO()
-        write_fetched(file, manifest, tiles, lambda piece: pieces.get(piece.place) or shelved.read(piece))
-        return file.getvalue()
-
-    assert written(list(whole.tiles), {}) == town.read_bytes()
-    for pieces, tiles, manifest, reason in (
-        ({one.place: shelved.read(two), two.place: shelved.read(one)}, [one, two], whole, "another place"),
-        ({one.place: b"garbage!"}, [one, two], whole, f"tile {one.tail} of map 'town' is damaged"),
-        ({None: b"garbage!"}, [one, two], whole, "the path of map 'town' is damaged"),
-        ({None: shelved.read(whole.path)[:-5]}, [one, two], whole, "the path of map 'town' is damaged"),
-        ({}, [two, one, *rest], whole, "not the one of its list"),
-        ({}, list(whole.tiles), replace(whole, about=whole.about._replace(length_m=1.0)), "not the one of its list"),
-    ):
-        with pytest.raises(SourceError, match=reason):
-            written(tiles, pieces, manifest)
 
 
 def test_tiles_that_do_not_decode_are_told_and_the_others_are_here(ends, town, server):
