@@ -19,7 +19,7 @@ from lidarcodec.archive.names import Commit
 from lidarcodec.archive.objects import Place, places_of, read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
-from lidarcodec.errors import ChecksumError, SettingsError
+from lidarcodec.errors import ChecksumError, SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.untrusted.times import time_ns_of
@@ -64,7 +64,8 @@ class Archive:
 
         between: first and last time: ISO 8601 (UTC without a zone), datetime, or ns since the Unix epoch
         where: a condition of SQL on the table of frames instead, as for `archive query`
-        Raises SettingsError for a time or condition that is wrong, DecodeError for damaged data, OSError.
+        Raises SettingsError for a time or condition that is wrong, DecodeError for damaged data, SourceError for a
+        damaged archive or one whose segments are replaced all the time, OSError.
         """
         return (frame for _, frame in self.decoded(vehicle=vehicle, sensor=sensor, between=between, where=where))
 
@@ -104,10 +105,15 @@ class Archive:
         return query(self.store, sql)
 
     def _where(self, condition: str) -> Iterator[Coded]:
-        from lidarcodec.archive.query import segments_where
+        from lidarcodec.archive.query import TRIES, segments_where
 
-        wanted = segments_where(self.store, condition)
-        for commit in commits_of(self.store):
+        for _ in range(TRIES):
+            wanted, commits = segments_where(self.store, condition), commits_of(self.store)
+            if wanted.keys() <= {commit.segment for commit in commits}:
+                break  # otherwise some were replaced in between
+        else:
+            raise SourceError(f"{self.store.url}: segments are being replaced all the time: try again later")
+        for commit in commits:
             offsets = wanted.get(commit.segment)
             if offsets is not None:
                 places = places_of(value := read_commit(self.store, commit))

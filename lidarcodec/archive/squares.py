@@ -20,6 +20,7 @@ SQUARE_M: Final = 400
 REACH_M: Final = 60
 """Scans from so far outside a square are used for it."""
 MAX_SQUARES: Final = 100_000
+"""Most squares of a run."""
 
 _SQL: Final = f"""
     with seen as (
@@ -28,34 +29,42 @@ _SQL: Final = f"""
         from frames, unnest([-{REACH_M}, 0, {REACH_M}]) a(dx), unnest([-{REACH_M}, 0, {REACH_M}]) b(dy)
         where isfinite(x) and isfinite(y) and abs(x) < 1e8 and abs(y) < 1e8)
     select col, line, list(segment order by segment) from seen group by col, line order by col, line
-    limit {MAX_SQUARES}
+    limit {{}}
 """
 
 
 class MapPlan:
-    """Squares that are not in `target` yet. counts: `inputs`, which are squares here; `finished` of these
+    """Squares that are not in `target` yet.
 
+    counts: `inputs`, which are squares here; of these `finished`, and `unfinished`, which are left for another run
     A map is named by what it is made of: when segments are added or replaced, its square is made again.
     """
 
     def __init__(self, source: Store, target: Store) -> None:
         self._source, self._target = source, target
         self.counts: Counter[str] = Counter()
+        self._changed = self._more = 0
 
     def tasks(self) -> Iterator[Task]:
         """A task for each square."""
         done = {entry.name for entry in self._target.entries("maps/")}
+        squares = query(self._source, _SQL.format(MAX_SQUARES + 1))[1]
         commits = {commit.segment: commit for commit in commits_of(self._source)}
-        for col, line, segments in query(self._source, _SQL)[1]:
+        self._changed, self._more = 0, max(0, len(squares) - MAX_SQUARES)
+        for col, line, segments in squares[:MAX_SQUARES]:
             self.counts["inputs"] += 1
             name = f"maps/{col}_{line}-{id_of('map', col, line, segments)}"
             if {f"{name}.lcmap", f"{name}.empty"} & done:
                 self.counts["finished"] += 1
                 continue
-            drives = [list(commits[segment]) for segment in segments if segment in commits]
+            if not commits.keys() >= set(segments):  # replaced since the query: without them the map had gaps
+                self._changed += 1
+                continue
+            drives = [list(commits[segment]) for segment in segments]
             value = {"name": name, "square": [col, line, SQUARE_M], "commits": drives}
             yield Task("map", name, f"the square at {col * SQUARE_M} m, {line * SQUARE_M} m", self._source.url,
                        self._target.url, value)  # fmt: skip
+        self.counts["unfinished"] = self._changed + self._more
 
     def after(self, ended: Ended) -> Iterator[Task]:
         """None: a square is one task."""
@@ -63,5 +72,10 @@ class MapPlan:
         return iter(())
 
     def remarks(self) -> list[str]:
-        """None."""
-        return []
+        """What a person should know, a line each."""
+        found = []
+        if self._changed:
+            found.append(f"{self._changed:,} of the squares changed while they were listed: run again to map them")
+        if self._more:
+            found.append(f"there are more than {MAX_SQUARES:,} squares: only the first ones, from the west, are mapped")
+        return found

@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 
 from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.jobs.table import JOBS
 from lidarcodec.archive.names import Commit, id_of
 from lidarcodec.archive.policy import Policy
+from lidarcodec.archive.query import query, segments_where
+from lidarcodec.archive.squares import MapPlan
+from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.commands.archive.run import _made
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps.file import read_map
 from lidarcodec.sources import open_source
 from tests.archive.conftest import unchanged
@@ -132,6 +136,50 @@ def test_a_map_is_made_of_the_squares_that_were_seen(filled, tmp_path):
     assert sum(map(len, maps)) == told["points"]
     with unchanged(out):
         archive("run", filled, out, "--job", "map", *HERE)
+
+
+def test_no_map_is_made_without_drives_that_were_replaced_meanwhile(filled, monkeypatch):
+    """The listing of commits and the query do not see the same archive."""
+    store = FolderStore(filled)
+    squares = len(list(MapPlan(store, store).tasks()))
+    assert squares >= 1
+    replaced = Commit("car-7", "roof", 1, 1, commits_of(store)[0].segment, id_of("new"))
+
+    def before_a_commit(*words):
+        found = query(*words)
+        store.create(replaced.name, b"{}")
+        return found
+
+    monkeypatch.setattr("lidarcodec.archive.squares.query", before_a_commit)
+    plan = MapPlan(store, store)
+    assert list(plan.tasks()) == []
+    assert plan.counts == {"inputs": squares, "unfinished": squares}
+    assert "changed while they were listed" in plan.remarks()[0]
+
+
+def test_squares_beyond_the_limit_are_said(filled, monkeypatch):
+    monkeypatch.setattr("lidarcodec.archive.squares.MAX_SQUARES", 0)
+    plan = MapPlan(FolderStore(filled), FolderStore(filled))
+    assert list(plan.tasks()) == []
+    assert (plan.counts["unfinished"], plan.remarks()[0].partition(":")[0]) == (1, "there are more than 0 squares")
+
+
+def test_frames_that_fit_a_condition_are_whole_when_a_segment_is_replaced(filled, monkeypatch):
+    asked = []
+
+    def before_a_recompress(*words):
+        found = segments_where(*words)
+        if not asked:
+            archive("run", filled, filled, "--job", "recompress", "--codec", "zstd", *HERE)
+        asked.append(words)
+        return found
+
+    monkeypatch.setattr("lidarcodec.archive.query.segments_where", before_a_recompress)
+    assert len(list(open_archive(filled).frames(where="true"))) == FRAMES
+    assert len(asked) == 2
+    monkeypatch.setattr("lidarcodec.archive.query.segments_where", lambda *_: {id_of("gone"): {0}})
+    with pytest.raises(SourceError, match="try again later"):
+        list(open_archive(filled).frames(where="true"))
 
 
 POLICY = """

@@ -47,7 +47,11 @@ class ArchiveRun(TypedDict):
     other_settings: Annotated[
         int, "of compress: inputs that are in the archive with other settings, and were left as they are"
     ]
-    unfinished: Annotated[int, "of these: those that are there only in part"]
+    unfinished: Annotated[
+        int,
+        "of these: those that are there only in part; of map: squares that changed while they were listed, and 1 if there "
+        "are too many",
+    ]
     changed: Annotated[int, "of compress: inputs that changed since they were archived, and were archived anew"]
     earlier_aside: Annotated[
         int, "of compress: inputs that an earlier run set aside, whole or in part, and that are not tried again"
