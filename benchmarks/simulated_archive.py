@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec.archive.inputs import inputs_of
-from lidarcodec.archive.names import Commit, PlanName, id_of
+from lidarcodec.archive.names import Commit, PlanName, id_of, json_of
 from lidarcodec.archive.plan import archive_settings
+from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.folder import FolderStore
-from lidarcodec.archive.table import COLUMNS
+from lidarcodec.archive.table import COLUMNS, write_table
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.wire.header import MAJOR, MINOR
 
@@ -53,11 +54,12 @@ def many_segments(folder: Path, count: int) -> tuple[Path, Path]:
 
 
 def _joined(store: FolderStore, segments: list[str]) -> None:
-    from lidarcodec.archive.names import json_of
-
     ident = id_of("index", segments)
-    store.create(f"index/{ident}.parquet", b"")
-    store.create(f"index/{ident}.json", json_of({"segments": segments}))
+    with scratch_folder() as folder:
+        write_table([dict.fromkeys(COLUMNS)], folder / "joined.parquet")
+        store.create(f"index/{ident}.parquet", folder / "joined.parquet")
+    size = store.size(f"index/{ident}.parquet")
+    store.create(f"index/{ident}.json", json_of({"segments": segments, "bytes": size}))
 
 
 def many_tables(folder: Path, count: int, frames: int) -> Path:

@@ -120,19 +120,23 @@ def _hidden(commits: Sequence[Commit]) -> set[str]:
     return found | seen
 
 
-def tables_of(store: Store, commits: Sequence[Commit]) -> list[str]:
-    """Names of the tables of segments.
+def tables_of(store: Store, commits: Sequence[Commit]) -> tuple[list[str], list[Commit]]:
+    """Names of the tables of segments, and the segments whose tables are not there.
 
     A segment has two tables only where two builds wrote different bytes at the same time; then its commit is read.
     """
     if not commits:
-        return []
+        return [], []
     by_segment: dict[str, list[str]] = {}
     for entry in store.entries("frames/"):
         if (segment := part_segment(entry.name)) is not None:
             by_segment.setdefault(segment, []).append(entry.name)
-    found = []
+    found, lost = [], []
     for commit in commits:
         names = by_segment.get(commit.segment, [])
-        found.append(names[0] if len(names) == 1 else read_commit(store, commit)["table"])
-    return found
+        name = names[0] if len(names) == 1 else read_commit(store, commit)["table"] if names else None
+        if name in names:
+            found.append(name)
+        else:
+            lost.append(commit)
+    return found, lost

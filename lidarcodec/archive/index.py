@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from lidarcodec.archive.contents import commits_of, tables_of
-from lidarcodec.archive.names import id_of, json_of, part_segment
+from lidarcodec.archive.names import Commit, id_of, json_of, part_segment
 from lidarcodec.archive.objects import read_joined
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
@@ -28,6 +28,9 @@ FAN_IN: Final = 16
 """Tables of about the same size that are joined to one."""
 LARGEST: Final = FAN_IN**3
 """Most segments of a joined table: two days of a vehicle."""
+_SHOWN: Final = 5
+"""Most segments that are named in a warning."""
+_TRIES: Final = 3
 _ROUNDS: Final = 4
 """So often joined tables are joined again: LARGEST is reached then."""
 
@@ -41,20 +44,31 @@ class _Joined(NamedTuple):
 
 
 class _State(NamedTuple):
-    """used: joined tables to read;  stale: ids of other ones;  rest: names of tables of segments that are in none"""
+    """used: joined tables to read;  stale: ids of other ones;  rest: names of tables of segments that are in none
+    lost: segments of which no table is there
+    """
 
     used: list[_Joined]
     stale: list[str]
     rest: list[str]
+    lost: list[Commit]
 
     def tables(self) -> Tables:
         names = [_table(one.id) for one in self.used] + self.rest
         return Tables(names, frozenset(segment for one in self.used for segment in one.hidden))
 
 
-def tables_to_read(store: Store) -> Tables:
-    """The tables that hold the rows of all visible segments, each row once. Raises OSError."""
-    return _state(store).tables()
+def tables_to_read(store: Store, *, joined: bool = True) -> Tables:
+    """The tables that hold the rows of all visible segments, each row once. Segments without a table are warned of.
+
+    joined: whether joined tables are used
+    Raises OSError.
+    """
+    state = _state(store, joined=joined)
+    if state.lost:
+        names = ", ".join(f"{one.vehicle}/{one.sensor}/{one.segment}" for one in state.lost[:_SHOWN])
+        log.warning("%d segments have lost their tables, so their frames are missing here: %s", len(state.lost), names)
+    return state.tables()
 
 
 def index(store: Store) -> dict[str, int]:
@@ -63,6 +77,9 @@ def index(store: Store) -> dict[str, int]:
     Returns numbers: `joined` tables, `removed` ones. Raises OSError; then the next call continues.
     """
     counts = {"joined": 0, "removed": 0}
+    for name in _unreadable(store):  # first: the same segments may be joined again under the same name
+        _remove(store, name)
+        counts["removed"] += 1
     for _ in range(_ROUNDS):
         state = _state(store)
         groups = list(_groups(state))
@@ -72,10 +89,30 @@ def index(store: Store) -> dict[str, int]:
         if not groups:
             break
     for name in _state(store).stale:
-        store.delete(f"index/{name}.json")  # first: without it nobody looks for the table
-        store.delete(_table(name))
+        _remove(store, name)
         counts["removed"] += 1
     return counts
+
+
+def _remove(store: Store, name: str) -> None:
+    store.delete(f"index/{name}.json")  # first: without it nobody looks for the table
+    store.delete(_table(name))
+
+
+def _unreadable(store: Store) -> list[str]:
+    """Ids of joined tables that are damaged, as a look at the end of each shows, which says how many rows it has."""
+    found, damaged = _listed(store)
+    for ident in found:
+        try:
+            with duckdb_errors(), with_tables(store, Tables([_table(ident)])) as connection:
+                connection.execute("SELECT count(*) FROM frames").fetchall()
+        except OSError:
+            if store.size(_table(ident)) is not None:  # otherwise it was removed meanwhile
+                raise
+        except SourceError as error:
+            log.warning("a joined table is removed: %s", error)
+            damaged.append(ident)
+    return damaged
 
 
 class _Group(NamedTuple):
@@ -122,17 +159,28 @@ def _join(store: Store, group: _Group) -> None:
             f"COPY (SELECT * FROM frames ORDER BY vehicle, sensor, stamp_ns, frame, segment) TO {text_of(path)} "
             "(FORMAT parquet, COMPRESSION zstd)"
         )
-        store.create(_table(ident), path)
-    store.create(f"index/{ident}.json", json_of({"segments": group.segments}))
+        size = path.stat().st_size
+        if not store.create(_table(ident), path) and store.size(_table(ident)) != size:
+            store.delete(_table(ident))  # cut, or of another version of DuckDB
+            store.create(_table(ident), path)
+    store.create(f"index/{ident}.json", json_of({"segments": group.segments, "bytes": size}))
 
 
 def _table(ident: str) -> str:
     return f"index/{ident}.parquet"
 
 
-def _state(store: Store) -> _State:
-    found, damaged = _listed(store)
+def _state(store: Store, *, joined: bool = True) -> _State:
     commits = commits_of(store)
+    for _ in range(_TRIES):
+        found = _state_of(store, commits, joined=joined)
+        if not found.lost or set(found.lost) <= set(commits := commits_of(store)):
+            break  # otherwise some were replaced meanwhile, and then deleted
+    return found
+
+
+def _state_of(store: Store, commits: list[Commit], *, joined: bool) -> _State:
+    found, damaged = _listed(store) if joined else ({}, [])
     left = {commit.segment for commit in commits}
     used: list[_Joined] = []
     for ident, segments in sorted(found.items(), key=lambda one: (-len(one[1]), one[0])):
@@ -142,12 +190,12 @@ def _state(store: Store) -> _State:
             used.append(_Joined(ident, visible, hidden))
             left -= visible
     stale = [ident for ident in (*found, *damaged) if ident not in {one.id for one in used}]
-    return _State(used, stale, tables_of(store, [one for one in commits if one.segment in left]))
+    return _State(used, stale, *tables_of(store, [one for one in commits if one.segment in left]))
 
 
 def _listed(store: Store) -> tuple[dict[str, frozenset[str]], list[str]]:
     """Segments of each joined table by its id, and ids of those that are damaged."""
-    names = {entry.name.removeprefix("index/") for entry in store.entries("index/")}
+    names = {entry.name.removeprefix("index/"): entry.size for entry in store.entries("index/")}
     found: dict[str, frozenset[str]] = {}
     damaged: list[str] = []
     for ident in sorted(name.removesuffix(".json") for name in names if name.endswith(".json")):
@@ -155,7 +203,7 @@ def _listed(store: Store) -> tuple[dict[str, frozenset[str]], list[str]]:
             damaged.append(ident)
             continue
         try:
-            found[ident] = frozenset(read_joined(store, f"index/{ident}.json"))
+            found[ident] = frozenset(read_joined(store, f"index/{ident}.json", names[f"{ident}.parquet"]))
         except FileNotFoundError:  # removed meanwhile
             continue
         except SourceError as error:

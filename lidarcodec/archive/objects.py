@@ -97,10 +97,16 @@ def read_plan(store: Store, name: str) -> dict[str, Any]:
         return value
 
 
-def read_joined(store: Store, name: str) -> list[str]:
-    """The segments in a joined table, by the name of their list. Raises SourceError if it is damaged, OSError."""
+def read_joined(store: Store, name: str, size: int) -> list[str]:
+    """The segments in a joined table, by the name of their list. size: bytes of the table
+
+    Raises SourceError if it is damaged, or the table has another size, OSError.
+    """
     with _damaged(store, name):
-        segments = read_object(store.read_small(name, MAX_JOINED), MAX_JOINED)["segments"]
+        value = read_object(store.read_small(name, MAX_JOINED), MAX_JOINED)
+        segments = value["segments"]
+        if value["bytes"] != size:
+            raise ValueError("its table has another size than it says")
         if not isinstance(segments, list) or not all(isinstance(one, str) and is_id(one) for one in segments):
             raise ValueError("it has no list of segments")
         return segments

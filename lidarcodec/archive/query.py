@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
@@ -9,6 +10,8 @@ from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.table import duckdb_errors, with_tables
 from lidarcodec.errors import SourceError
+
+log = logging.getLogger(__name__)
 
 TRIES: Final = 3
 """So often a query is tried when tables were joined or replaced, and then removed, while it ran."""
@@ -44,9 +47,12 @@ def _answered(store: Store, answer: Callable[[Any], Answer]) -> Answer:
         try:
             with duckdb_errors(), with_tables(store, tables) as connection:
                 return answer(connection)
-        except (OSError, SourceError):
+        except (OSError, SourceError) as error:
             before, tables = tables, tables_to_read(store)
             if before == tables:
-                raise
+                tables = tables_to_read(store, joined=False)
+                if before == tables:
+                    raise
+                log.warning("joined tables were not used; if --job index does not help, delete index/: %s", error)
     with duckdb_errors(), with_tables(store, tables) as connection:
         return answer(connection)

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 import lidarcodec
+from lidarcodec.archive import contents
 from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.index import index, tables_to_read
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.sources import open_source
@@ -265,6 +267,45 @@ def test_joined_tables_say_the_same(filled, monkeypatch, caplog):
     assert "a joined table is not used" in caplog.text
     done = archive("run", filled, filled, "--job", "index", "--json")
     assert json.loads(done.stdout)["removed"] == 1
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_a_damaged_joined_table_ends_no_query_and_is_made_again(filled, monkeypatch, caplog, cut):
+    monkeypatch.setattr("lidarcodec.archive.index.FAN_IN", 2)
+    store, rows = FolderStore(filled), "select * from frames order by stamp_ns"
+    before = open_archive(filled).query(rows)
+    index(store)
+    (path,) = (filled / "index").glob("*.parquet")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-2000] if cut else whole[:-8] + bytes(8))
+    assert open_archive(filled).query(rows) == before
+    assert ("has another size" if cut else "joined tables were not used") in caplog.text
+    assert index(store) == {"joined": 1, "removed": 1}
+    assert path.read_bytes() == whole
+    assert tables_to_read(store).names == [f"index/{path.name}"]
+
+
+def test_a_lost_table_ends_no_query_of_the_others(filled, caplog):
+    lost = next((filled / "frames").rglob("*.parquet"))
+    gone = open_archive(filled).query(f"select count(*) from read_parquet('{lost}')")[1][0][0]
+    lost.unlink()
+    assert open_archive(filled).query("select count(*) from frames")[1] == [(FRAMES - gone,)]
+    assert f"1 segments have lost their tables, so their frames are missing here: car-7/roof/{lost.name[:24]}" in caplog.text
+
+
+def test_a_table_that_was_replaced_between_two_listings_is_not_missed(filled, monkeypatch, caplog):
+    whole, asked = contents.tables_of, []
+
+    def after_a_recompress(*words):
+        if not asked:
+            words_of = ("--job", "recompress", "--codec", "zstd", "--delete-old", "--workers", "here")
+            asked.append(words)
+            archive("run", filled, filled, *words_of)
+        return whole(*words)
+
+    monkeypatch.setattr("lidarcodec.archive.index.tables_of", after_a_recompress)
+    assert open_archive(filled).query("select count(*) from frames")[1] == [(FRAMES,)]
+    assert "lost their tables" not in caplog.text
 
 
 def test_other_settings_do_not_archive_an_input_twice(inputs, filled, caplog):

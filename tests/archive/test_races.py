@@ -116,7 +116,7 @@ def test_tables_are_joined_as_they_grow_and_each_row_is_read_once(tmp_path, monk
 def test_a_query_looks_again_when_tables_were_joined_meanwhile(tmp_path, monkeypatch):
     store = FolderStore(tmp_path)
     lists = iter([Tables(["frames/gone.parquet"]), Tables([])])
-    monkeypatch.setattr("lidarcodec.archive.query.tables_to_read", lambda _: next(lists))
+    monkeypatch.setattr("lidarcodec.archive.query.tables_to_read", lambda _, **more: next(lists))
     assert query(store, "select count(*) from frames")[1] == [(0,)]
 
 
