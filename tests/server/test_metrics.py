@@ -168,6 +168,8 @@ RATE = {
          {"target_kbps": 800, "kept_ratio": 1, "intensity_levels": 256}),
         ({"rate": None, "reduction": None}, StreamSettings(max_error_m=0.02, intensity="levels=16"), "pcodec",
          {"bound_meters": 0.02, "kept_ratio": 1, "intensity_levels": 16}),
+        ({}, StreamSettings(base_error_m=0.05), "pcodec",
+         {"bound_meters": 0.05, "kept_ratio": 1, "intensity_levels": 256}),
         ({}, StreamSettings(), "pcodec", {"bound_meters": 0, "kept_ratio": 1, "intensity_levels": 256}),
         ({}, StreamSettings(codec="jpeg"), "jpeg", {"kept_ratio": 1, "intensity_levels": 256}),
         ({"reduction": {"name": "voxel", "returns": 100_000, "kept": 9000}}, StreamSettings(), "zstd",

@@ -52,7 +52,7 @@ def _bound(rate: Any, settings: StreamSettings | None, codec: str | None) -> flo
         bounded = table.codec(codec).bounded
     except UnknownNameError:
         return None
-    return (settings.max_error_m or 0.0) if bounded else None
+    return (settings.base.max_error_m or 0.0) if bounded else None
 
 
 def _kept(rate: Any, reduction: Any) -> float | None:

@@ -14,7 +14,9 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       <p>
         <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? codecOf(applied, stream) : "–"}
         {applied?.purpose !== undefined && applied.purpose !== "look" && `, purpose ${plain(applied.purpose)}`}
-        {applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
+        {applied?.base_error_m != null
+          ? `, error up to ${plain(applied.base_error_m)} m: this page shows the base, without refinements`
+          : applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
         {applied?.reduction !== undefined &&
           applied.reduction !== "all" &&
           applied.reduction !== "auto" &&
