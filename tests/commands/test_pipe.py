@@ -127,6 +127,48 @@ def test_what_waits_in_a_pipe_is_read_after_a_signal_and_no_more_is_waited_for(c
     os.close(write)
 
 
+@pytest.mark.parametrize("rest", [0, 40])
+def test_of_a_message_that_a_signal_cuts_the_rest_is_waited_for(monkeypatch, rest):
+    """If it does not come, the input ends before that message, and this is no error."""
+    monkeypatch.setattr(inputs, "REST_S", 0.3)
+    whole = struct.pack("<I", 60) + b"\x93LDC" + bytes(56)
+    read, write = os.pipe()
+    os.write(write, whole + whole[:-40])
+    asked = iter([False] * 4)
+    later = threading.Timer(0.1, os.write, (write, bytes(rest)))
+    later.start()
+    found = list(inputs.messages(inputs.Input(read, lambda: next(asked, True))))
+    later.join()
+    assert found == [whole[4:]] * (2 if rest else 1)
+    os.close(read)
+    os.close(write)
+
+
+def test_messages_that_come_with_a_signal_are_passed_on(tmp_path, recording):
+    """The second one is half there when the signal comes. The pipe stays open, and nothing is wrong."""
+    piped(None, tmp_path / "in", "messages", spec=str(recording))
+    data, (first, second) = (tmp_path / "in").read_bytes(), messages_in(tmp_path / "in")[:2]
+    both, out = len(first) + len(second) + 8, tmp_path / "out"
+    read, write = os.pipe()
+
+    def give() -> None:
+        with open(write, "wb", closefd=False) as file:
+            file.write(data[: both - 9])
+            file.flush()
+            eventually(lambda: out.stat().st_size > 0, 60.0)
+            os.kill(os.getpid(), signal.SIGINT)
+            file.write(data[both - 9 : both])
+
+    with out.open("wb") as file:
+        thread = threading.Thread(target=give)
+        thread.start()
+        run("-", "messages", None, [], None, None, None, as_json=False, standard=(read, file.fileno()))
+    thread.join()
+    os.close(read)
+    os.close(write)
+    assert messages_in(out) == [first, second]
+
+
 def test_wrong_usage_is_said_at_once(capture):
     for words, said in (
         (["--to", "las"], "unknown format"),

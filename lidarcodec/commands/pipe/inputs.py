@@ -30,11 +30,13 @@ class Input(io.RawIOBase):
 
     What waits in the pipe then is read first, for a second at most.
 
-    stopped: asked several times a second
+    within: whether a part of a message was read; its rest may still come in that second
     """
 
     def __init__(self, descriptor: int, stopped: Callable[[], bool]) -> None:
-        self._descriptor, self._stopped = descriptor, stopped
+        """stopped: whether a signal came; asked several times a second"""
+        self._descriptor, self.stopped = descriptor, stopped
+        self.within = False
         self._head = b""
         self._last_s: float | None = None
         while len(self._head) < _HEAD and (more := self._take(_HEAD - len(self._head))):
@@ -57,14 +59,17 @@ class Input(io.RawIOBase):
 
     def _take(self, size: int) -> bytes:
         while True:
-            stopped = self._stopped()
-            if stopped and self._last_s is None:
-                self._last_s = time.monotonic() + REST_S
-            ready = bool(select.select([self._descriptor], [], [], 0.0 if stopped else TICK_S)[0])
-            if stopped and (not ready or self._last_s is None or time.monotonic() > self._last_s):
-                return b""
-            if ready:
+            stopped, wait_s = self.stopped(), TICK_S
+            if stopped:
+                now_s = time.monotonic()
+                self._last_s = self._last_s or now_s + REST_S
+                if now_s > self._last_s:
+                    return b""
+                wait_s = min(TICK_S, self._last_s - now_s) if self.within else 0.0
+            if select.select([self._descriptor], [], [], wait_s)[0]:
                 return os.read(self._descriptor, min(size, 1 << 20))
+            if stopped and not self.within:
+                return b""
 
 
 def is_messages(given: Input) -> bool:
@@ -77,16 +82,19 @@ def is_messages(given: Input) -> bool:
 
 
 def messages(given: Input) -> Iterator[bytes]:
-    """The messages.
+    """The messages. One that a signal cut is left out.
 
-    Raises SourceError where the input ends within one, or says a size that none has.
+    Raises SourceError where the input ends within one for another reason, or says a size that none has.
     """
     while size := _exactly(given, _SIZE.size):
         (announced,) = _SIZE.unpack(size) if len(size) == _SIZE.size else (0,)
         if announced > MAX_MESSAGE:
             raise SourceError(f"{NAME} announces a message of {announced} bytes: the limit is {MAX_MESSAGE}")
         data = _exactly(given, announced)
+        given.within = False
         if len(size) < _SIZE.size or len(data) < announced:
+            if given.stopped():
+                return
             raise SourceError(f"{NAME} ends within a message")
         yield data
 
@@ -102,4 +110,5 @@ def _exactly(given: Input, size: int) -> bytes:
     while left and (data := given.read(min(left, 1 << 20))):
         parts.append(data)
         left -= len(data)
+        given.within = True
     return b"".join(parts)

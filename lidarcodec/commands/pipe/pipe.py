@@ -52,7 +52,10 @@ class _Done:
 
 @dataclass
 class _Feed:
-    """What comes in: packets, the messages of a recording, or others. most: frames to take; None: all of them"""
+    """What comes in: packets, the messages of a recording, or others. most: frames to take; None: all of them
+
+    coded: ends by itself after a signal, as the packets of a live source do
+    """
 
     stopped: Stop
     most: int | None
@@ -62,15 +65,16 @@ class _Feed:
 
     def messages(self) -> Iterator[bytes]:
         """Messages as they are; of a recording those of the base alone."""
-        coded = self.coded if self.recording is None else _base(self.recording)
-        return islice(_until(coded, self.stopped), self.most)
+        coded = self.coded if self.recording is None else _until(_base(self.recording), self.stopped)
+        return islice(coded, self.most)
 
     def frames(self, framing: str, done: _Done) -> Iterator[Frame]:
         """Frames of packets, or decoded."""
         source = self.source
+        if self.recording is not None:
+            return islice(_until(_recorded(self.recording, done), self.stopped), self.most)
         if source is None:
-            found = _decoded(self.coded, done) if self.recording is None else _recorded(self.recording, done)
-            return islice(_until(found, self.stopped), self.most)
+            return islice(_decoded(self.coded, done), self.most)
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
         return islice(cut if source.live else _until(cut, self.stopped), self.most)
 
