@@ -169,6 +169,22 @@ def test_messages_that_come_with_a_signal_are_passed_on(tmp_path, recording):
     assert messages_in(out) == [first, second]
 
 
+@pytest.mark.parametrize("form", ["messages", "recording", "pcap"])
+def test_whole_frames_before_a_cut_message_are_passed_on(tmp_path, recording, form):
+    """Of a codec that holds frames back, too; `recording` and `pcap` are then whole."""
+    piped(None, tmp_path / "whole", "messages", spec=str(recording))
+    (tmp_path / "cut").write_bytes((tmp_path / "whole").read_bytes()[:-100])
+    codec = None if form == "pcap" else "jpeg-layered"
+    with pytest.raises(SourceError, match="ends within a message; 3 frames before that were passed on"):
+        piped(tmp_path / "cut", tmp_path / "out", form, codec=codec)
+    if form == "messages":
+        assert [wire.unpack(data).frame_count for data in messages_in(tmp_path / "out")] == [3]
+    else:
+        with open_source(tmp_path / "out") as source:
+            assert len(list(source.packets())) > 0
+            assert not source.counts["truncated"]
+
+
 def test_wrong_usage_is_said_at_once(capture):
     for words, said in (
         (["--to", "las"], "unknown format"),

@@ -55,6 +55,7 @@ class _Feed:
     """What comes in: packets, the messages of a recording, or others. most: frames to take; None: all of them
 
     coded: ends by itself after a signal, as the packets of a live source do
+    failed: why the input ended early. What came before is written first
     """
 
     stopped: Stop
@@ -62,6 +63,14 @@ class _Feed:
     source: PacketSource | None = None
     recording: RecordingReader | None = None
     coded: Iterable[bytes] = ()
+    failed: SourceError | None = None
+
+    def till_failure(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items; a SourceError ends them, and is kept."""
+        try:
+            yield from items
+        except SourceError as error:
+            self.failed = error
 
     def messages(self) -> Iterator[bytes]:
         """Messages as they are; of a recording those of the base alone."""
@@ -75,7 +84,8 @@ class _Feed:
             return islice(_until(_recorded(self.recording, done), self.stopped), self.most)
         if source is None:
             return islice(_decoded(self.coded, done), self.most)
-        cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
+        packets = self.till_failure(source.packets())
+        cut = frames_of(packets, source.sensor, framing, source.counts, current=lambda: source.sensor)
         return islice(cut if source.live else _until(cut, self.stopped), self.most)
 
 
@@ -95,7 +105,7 @@ def run(
 
     spec: a source, or `-` for standard input;  codec, pairs: None and []: messages are passed on as they are
     standard: descriptors of standard input and output
-    Raises SourceError if the reader of standard output goes away, or nothing could be passed on.
+    Raises SourceError if the reader of standard output goes away, the input ends early, or nothing could be passed on.
     """
     settings = check_offline(one_setting(codec, pairs))
     recodes = codec is not None or bool(pairs)
@@ -121,6 +131,8 @@ def run(
         out.close()
     if done.lost:
         log.warning("%d messages or frames could not be passed on", done.lost)
+    if feed.failed is not None:
+        raise SourceError(f"{feed.failed}; {done.frames} frames before that were passed on") from feed.failed
     if not done.frames:
         raise SourceError(f"{inputs.NAME if spec == STANDARD else spec} has no frame that can be passed on")
     found = Piped(format=form, frames=done.frames, bytes=out.bytes, lost=done.lost)
@@ -150,7 +162,7 @@ def _opened(
         if spec == STANDARD:
             given = inputs.Input(descriptor, feed.stopped)
             if inputs.is_messages(given):
-                feed.coded = inputs.messages(given)
+                feed.coded = feed.till_failure(inputs.messages(given))
             else:
                 feed.source = stack.enter_context(inputs.capture(given, calibration, model))
         else:
