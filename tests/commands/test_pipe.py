@@ -16,7 +16,7 @@ import pytest
 from lidarcodec import wire
 from lidarcodec.commands.pipe import inputs
 from lidarcodec.commands.pipe.pipe import run
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.recording import RecordingReader
 from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
@@ -183,6 +183,24 @@ def test_whole_frames_before_a_cut_message_are_passed_on(tmp_path, recording, fo
         with open_source(tmp_path / "out") as source:
             assert len(list(source.packets())) > 0
             assert not source.counts["truncated"]
+
+
+def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):
+    """As they are only whole ones can be: that the number ends within one is said, behind those before it."""
+    group = tmp_path / "group"
+    piped(None, group, "messages", spec=str(recording), codec="jpeg-layered")
+    (tmp_path / "two").write_bytes(group.read_bytes() * 2)
+    with pytest.raises(SettingsError, match=r"--frames 6 ends within a message of 4 frames.* give 4 or 8, or --codec"):
+        piped(tmp_path / "two", tmp_path / "six.mcap", "recording", frames=6)
+    with (tmp_path / "six.mcap").open("rb") as file:
+        reader = RecordingReader(file)
+        assert [data for _, data in reader.messages()] == messages_in(group)
+        assert not reader.counts["cut"]
+    with pytest.raises(SettingsError, match="give 4, or --codec"):
+        piped(group, tmp_path / "one", "messages", frames=1)
+    assert (tmp_path / "one").read_bytes() == b""
+    piped(tmp_path / "two", tmp_path / "four", "messages", frames=4)
+    assert messages_in(tmp_path / "four") == messages_in(group)
 
 
 def test_wrong_usage_is_said_at_once(capture):

@@ -74,6 +74,7 @@ class Recorded:
     """Messages in a recording. It has no end before `close`, but all before it can be read."""
 
     def __init__(self, out: Counting) -> None:
+        self._out = out
         self._writer = RecordingWriter(out, VEHICLE, SENSOR)  # type: ignore[arg-type]
 
     def write(self, data: bytes) -> None:
@@ -81,6 +82,7 @@ class Recorded:
 
     def close(self) -> None:
         self._writer.close()
+        self._out.flush()
 
 
 class FrameOutput(Protocol):

@@ -74,8 +74,7 @@ class _Feed:
 
     def messages(self) -> Iterator[bytes]:
         """Messages as they are; of a recording those of the base alone."""
-        coded = self.coded if self.recording is None else _until(_base(self.recording), self.stopped)
-        return islice(coded, self.most)
+        return iter(self.coded) if self.recording is None else _until(_base(self.recording), self.stopped)
 
     def frames(self, framing: str, done: _Done) -> Iterator[Frame]:
         """Frames of packets, or decoded."""
@@ -105,7 +104,8 @@ def run(
 
     spec: a source, or `-` for standard input;  codec, pairs: None and []: messages are passed on as they are
     standard: descriptors of standard input and output
-    Raises SourceError if the reader of standard output goes away, the input ends early, or nothing could be passed on.
+    Raises SourceError if the reader of standard output goes away, the input ends early, or nothing could be passed on,
+    SettingsError if `frames` end within a message that is passed on as it is.
     """
     settings = check_offline(one_setting(codec, pairs))
     recodes = codec is not None or bool(pairs)
@@ -116,12 +116,13 @@ def run(
             if form in OF_FRAMES:
                 _write_frames(feed.frames(settings.framing, done), OF_FRAMES[form](out), done)
             else:
-                coded = (
-                    _encoded(feed.frames(settings.framing, done), StreamEncoder(settings))
-                    if recodes or feed.source is not None
-                    else feed.messages()
-                )
-                _write_messages(coded, OF_MESSAGES[form](out), done)
+                writer = OF_MESSAGES[form](out)
+                if recodes or feed.source is not None:
+                    _write_messages(
+                        _encoded(feed.frames(settings.framing, done), StreamEncoder(settings)), writer, done
+                    )
+                else:
+                    _write_messages(feed.messages(), writer, done, frames)
             out.flush()
             if feed.source is not None:
                 say_unkept(feed.source.label, feed.source.counts)
@@ -129,8 +130,8 @@ def run(
         raise SourceError(f"the reader of standard output went away after {done.frames} frames") from None
     finally:
         out.close()
-    if done.lost:
-        log.warning("%d messages or frames could not be passed on", done.lost)
+        if done.lost:
+            log.warning("%d messages or frames could not be passed on", done.lost)
     if feed.failed is not None:
         raise SourceError(f"{feed.failed}; {done.frames} frames before that were passed on") from feed.failed
     if not done.frames:
@@ -194,16 +195,31 @@ def _write_frames(frames: Iterable[Frame], writer: FrameOutput, done: _Done) -> 
             done.lost += 1
 
 
-def _write_messages(coded: Iterable[bytes], writer: MessageOutput, done: _Done) -> None:
+def _write_messages(coded: Iterable[bytes], writer: MessageOutput, done: _Done, most: int | None = None) -> None:
+    """Write all messages, or those of so many frames. Raises SettingsError, behind whole ones, if these end in one."""
     for data in coded:
         try:
             frames = wire.unpack(data).frame_count
         except DecodeError:
             done.lost += 1
             continue
+        if most is not None and done.frames + frames > most:
+            writer.close()
+            raise _ends_within(most, done.frames, frames)
         writer.write(data)
         done.frames += frames
+        if done.frames == most:
+            break
     writer.close()
+
+
+def _ends_within(most: int, before: int, frames: int) -> SettingsError:
+    fit = " or ".join(str(count) for count in (before, before + frames) if count)
+    return SettingsError(
+        f"--frames {most} ends within a message of {frames} frames, behind {before} passed on: give {fit}, or "
+        "--codec, which codes them again",
+        "frames",
+    )
 
 
 def _decoded(coded: Iterable[bytes], done: _Done) -> Iterator[Frame]:
