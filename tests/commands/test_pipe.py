@@ -45,7 +45,8 @@ def piped(given: Path | None, out: Path, form: str, *, spec: str = "-", codec: s
     """Run the command with files as standard input and output."""
     with (given or Path(os.devnull)).open("rb") as read, out.open("wb") as write:
         standard = (read.fileno(), write.fileno())
-        run(spec, form, codec, [], options.get("frames"), None, None, as_json=True, standard=standard)
+        of_packets = options.get("calibration"), options.get("model")
+        run(spec, form, codec, [], options.get("frames"), *of_packets, as_json=True, standard=standard)
 
 
 def messages_in(path: Path) -> list[bytes]:
@@ -210,6 +211,14 @@ def test_wrong_usage_is_said_at_once(capture):
     ):
         done = run_here("pipe", capture, *words)
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr
+
+
+def test_options_of_packets_are_refused_for_messages(tmp_path, recording):
+    (tmp_path / "in").write_bytes(struct.pack("<I", 60) + b"\x93LDC" + bytes(56))
+    for spec, options in (("-", {"model": "vlp16"}), (str(recording), {"calibration": tmp_path / "db.xml"})):
+        with pytest.raises(SettingsError, match=f"--{next(iter(options))} is for packets"):
+            piped(tmp_path / "in", tmp_path / "out", "messages", spec=spec, **options)
+    assert (tmp_path / "out").read_bytes() == b""
 
 
 def test_a_reader_that_goes_away_is_said(recording):

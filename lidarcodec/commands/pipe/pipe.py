@@ -170,6 +170,9 @@ def _opened(
             feed.recording = _recording(spec, stack)
             if feed.recording is None:
                 feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
+        for name, value in (("--calibration", calibration), ("--model", model)):
+            if feed.source is None and value is not None:
+                raise SettingsError(f"{name} is for packets: messages hold what their sensor is", name.lstrip("-"))
         yield feed
 
 
