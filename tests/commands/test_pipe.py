@@ -80,6 +80,14 @@ def test_a_recording_is_passed_on_as_it_is_or_coded_again(tmp_path, recording):
     assert [wire.peek(data).codec for data in messages_in(tmp_path / "two")] == [2, 2]
 
 
+@pytest.mark.parametrize(("query", "codec"), [("", None), ("", "raw"), ("?read=messages", None)])
+def test_a_recording_keeps_the_names_of_its_source(tmp_path, recording, query, codec):
+    piped(None, tmp_path / "out", "recording", spec=f"{recording}{query}", codec=codec, frames=1)
+    with (tmp_path / "out").open("rb") as file:
+        metadata = RecordingReader(file).metadata
+    assert (metadata["vehicle"], metadata["sensor"]) == ("car-7", "roof")
+
+
 def test_points_are_those_of_the_frames(tmp_path, recording):
     piped(None, tmp_path / "points", "points", spec=str(recording))
     data, at = (tmp_path / "points").read_bytes(), 0

@@ -14,7 +14,6 @@ import numpy as np
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import DecodeError
-from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.frame import Frame
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
@@ -73,9 +72,9 @@ class Prefixed:
 class Recorded:
     """Messages in a recording. It has no end before `close`, but all before it can be read."""
 
-    def __init__(self, out: Counting) -> None:
+    def __init__(self, out: Counting, vehicle: str, sensor: str) -> None:
         self._out = out
-        self._writer = RecordingWriter(out, VEHICLE, SENSOR)  # type: ignore[arg-type]
+        self._writer = RecordingWriter(out, vehicle, sensor)  # type: ignore[arg-type]
 
     def write(self, data: bytes) -> None:
         self._writer.write(data)

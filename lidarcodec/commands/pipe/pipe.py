@@ -22,11 +22,13 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.signatures.common import of_model
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
+from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.settings import is_name
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
@@ -34,7 +36,7 @@ from lidarcodec.sources.table import kind_of
 log = logging.getLogger(__name__)
 
 STANDARD: Final = "-"
-OF_MESSAGES: Final[dict[str, Callable[[Counting], MessageOutput]]] = {"messages": Prefixed, "recording": Recorded}
+OF_MESSAGES: Final = ("messages", "recording")
 OF_FRAMES: Final[dict[str, Callable[[Counting], FrameOutput]]] = {"pcap": Captured, "points": Clouds}
 FORMS: Final = (*OF_MESSAGES, *OF_FRAMES)
 
@@ -55,6 +57,7 @@ class _Feed:
     """What comes in: packets, the messages of a recording, or others. most: frames to take; None: all of them
 
     coded: ends by itself after a signal, as the packets of a live source do
+    names: vehicle and sensor, where the input says them
     failed: why the input ended early. What came before is written first
     """
 
@@ -63,6 +66,7 @@ class _Feed:
     source: PacketSource | None = None
     recording: RecordingReader | None = None
     coded: Iterable[bytes] = ()
+    names: tuple[str, str] = (VEHICLE, SENSOR)
     failed: SourceError | None = None
 
     def till_failure(self, items: Iterable[Item]) -> Iterator[Item]:
@@ -116,7 +120,7 @@ def run(
             if form in OF_FRAMES:
                 _write_frames(feed.frames(settings.framing, done), OF_FRAMES[form](out), done)
             else:
-                writer = OF_MESSAGES[form](out)
+                writer: MessageOutput = Prefixed(out) if form == "messages" else Recorded(out, *feed.names)
                 if recodes or feed.source is not None:
                     _write_messages(
                         _encoded(feed.frames(settings.framing, done), StreamEncoder(settings)), writer, done
@@ -167,7 +171,7 @@ def _opened(
             else:
                 feed.source = stack.enter_context(inputs.capture(given, calibration, model))
         else:
-            feed.recording = _recording(spec, stack)
+            _open_recording(feed, spec, stack)
             if feed.recording is None:
                 feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
         for name, value in (("--calibration", calibration), ("--model", model)):
@@ -181,13 +185,17 @@ def _finish(source: PacketSource | None) -> None:
         source.finish()
 
 
-def _recording(spec: str, stack: contextlib.ExitStack) -> RecordingReader | None:
-    """The reader of a recording of messages; None for another source."""
+def _open_recording(feed: _Feed, spec: str, stack: contextlib.ExitStack) -> None:
+    """Take the names of a recording, and its messages if there are any and no options say what is read."""
     parsed = parse(spec)
-    if kind_of(parsed) != "recording" or parsed.options:
-        return None
+    if kind_of(parsed) != "recording":
+        return
     reader = RecordingReader(stack.enter_context(open_regular(parsed.path)))
-    return None if next(reader.messages(), None) is None else reader
+    names = reader.metadata.get("vehicle", ""), reader.metadata.get("sensor", "")
+    if all(map(is_name, names)):
+        feed.names = names
+    if not parsed.options and next(reader.messages(), None) is not None:
+        feed.recording = reader
 
 
 def _write_frames(frames: Iterable[Frame], writer: FrameOutput, done: _Done) -> None:
