@@ -110,6 +110,19 @@ def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path, recordin
         ([recording, tmp_path / "out.pcap"], "must end in .mcap, or be a folder"),
         ([recording, tmp_path / "out.mcap", "--frames", "1"], "--frames is not for messages"),
         ([recording, tmp_path / "out.mcap", "--topic", "points"], "not a ROS name"),
+        *(
+            ([recording, tmp_path / "out.mcap", *words], f"{words[0]} is not for messages")
+            for words in (
+                ("--mount", "1,0,2,0,0,90"),
+                ("--poses-of", "vehicle"),
+                ("--model", "vlp16"),
+                ("--allow-missed",),
+                ("--connect", "tcp/localhost:7447"),
+                ("--listen", "tcp/localhost:7447"),
+                ("--zenoh-config", tmp_path / "zenoh.json5"),
+            )
+        ),
+        ([f"{recording}?read=messages", tmp_path / "out.mcap"], "unknown option of the source"),
         (["sim:city?frames=1", tmp_path / "out.mcap"], "lidarcodec encode"),
     ):
         done = run_here("convert", *words, "--as", "messages")

@@ -111,7 +111,10 @@ def convert(
     if form == messages.FORM:
         for name, other in (("--from", begin), ("--to", end), ("--skip", skip), ("--frames", frames),
                             ("--codec", codec), ("--set", pairs), ("--calibration", calibration), ("--poses", poses),
-                            ("--with-clouds", with_clouds), (placing.given, placing.given)):  # fmt: skip
+                            ("--with-clouds", with_clouds), (placing.given, placing.given), ("--model", model),
+                            ("--mount", mount), ("--poses-of", poses_of), ("--allow-missed", allow_missed),
+                            ("--connect", connect), ("--listen", listen),
+                            ("--zenoh-config", zenoh_config)):  # fmt: skip
             if other:
                 raise SettingsError(f"{name} is not for messages: a whole recording is copied as it is", "as")
         messages.run(spec, out, topic, frame_id, force=force, as_json=as_json)

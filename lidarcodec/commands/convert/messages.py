@@ -38,11 +38,12 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
     """
     if out.suffix.lower() not in ("", ".mcap"):
         raise SettingsError(f"--as {FORM} does not fit {out}: its name must end in .mcap, or be a folder", "as")
-    path, topic = parse(spec).path, ros_topic(topic or POINTS_TOPIC)
-    if kind_of(parse(spec)) != "recording":
+    parsed, topic = parse(spec), ros_topic(topic or POINTS_TOPIC)
+    if kind_of(parsed) != "recording":
         raise SettingsError(
             f"--as {FORM} copies the messages of a recording: write one with `lidarcodec encode {spec} OUT.mcap`", "as"
         )
+    path = parsed.only().path
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
     check_free(out, force=force, contents=contents)
