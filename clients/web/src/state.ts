@@ -7,8 +7,9 @@ import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
 import type { Codec, FleetRow, Link, Schema, Session, Stream, TargetWarning } from "./model/wire";
 import { readHash } from "./scene/address";
-import type { StreamName, ViewStats } from "./view";
-import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
+import { keep, kept } from "./scene/store";
+import { optionsIn } from "./scene/views";
+import type { StreamName, ViewOptions, ViewStats } from "./view";
 
 const TOKEN = "lidarcodec.token";
 const OPTIONS = "lidarcodec.view";
@@ -41,7 +42,7 @@ export const stream = signal<Stream | null>(null);
 /** Why its target bitrate is missed; null while it is reached. */
 export const missed = signal<TargetWarning | null>(null);
 export const stats = signal<ViewStats | null>(null);
-export const options = signal<ViewOptions>(kept());
+export const options = signal<ViewOptions>(optionsIn(kept(OPTIONS)));
 /** Streams of recordings and for programs for which the user has switched on filling. */
 const filledAnyway = signal<ReadonlySet<string>>(new Set());
 /** Whether gaps of the chosen stream are filled. */
@@ -97,7 +98,7 @@ export function choose(key: string | null): void {
 
 export function setOptions(changed: Partial<ViewOptions>): void {
   options.value = { ...options.value, ...changed };
-  localStorage.setItem(OPTIONS, JSON.stringify(options.value));
+  keep(OPTIONS, options.value);
 }
 
 /** Switch filling of gaps of the chosen stream on or off. */
@@ -223,12 +224,3 @@ window.addEventListener("hashchange", () => {
   const key = fromHash();
   if (key !== null) chosen.value = key;
 });
-
-function kept(): ViewOptions {
-  try {
-    const found = JSON.parse(localStorage.getItem(OPTIONS) ?? "{}") as Partial<ViewOptions>;
-    return { ...DEFAULT_OPTIONS, ...found, box: null, beside: [], mount: null };
-  } catch {
-    return DEFAULT_OPTIONS;
-  }
-}

@@ -5,6 +5,7 @@ import type { Stream } from "../model/wire";
 import { call, choose, chosen, nameOf, options, pathOf, setOptions, stream } from "../state";
 import type { Beside, Box, Mount, Stand } from "../view";
 import { hashOf, readHash } from "./address";
+import * as store from "./store";
 import { LONGEST_LINK, type SavedView, viewsIn, withView } from "./views";
 
 const VIEWS = "lidarcodec.views";
@@ -14,7 +15,7 @@ const MOUNTS_MS = 5000;
 export const besideKeys = signal<readonly string[]>([]);
 /** Points outside are not drawn; null draws all. */
 export const box = signal<Box | null>(null);
-export const views = signal<readonly SavedView[]>(viewsIn(localStorage.getItem(VIEWS)));
+export const views = signal<readonly SavedView[]>(viewsIn(store.kept(VIEWS)));
 /** Where the camera is to go; null once it went. */
 export const wantedStand = signal<Stand | null>(null);
 const mounts = signal<ReadonlyMap<string, Mount | null>>(new Map());
@@ -69,11 +70,11 @@ export function show(view: SavedView): void {
 }
 
 export function keep(view: SavedView): void {
-  store(withView(views.value, view));
+  setViews(withView(views.value, view));
 }
 
 export function forget(name: string): void {
-  store(views.value.filter((one) => one.name !== name));
+  setViews(views.value.filter((one) => one.name !== name));
 }
 
 /** The address that shows a view; null for one that no address holds. */
@@ -82,13 +83,9 @@ export function addressOf(view: SavedView): string | null {
   return hash.length <= LONGEST_LINK ? `${location.origin}${location.pathname}${location.search}${hash}` : null;
 }
 
-function store(changed: SavedView[]): void {
+function setViews(changed: SavedView[]): void {
   views.value = changed;
-  try {
-    localStorage.setItem(VIEWS, JSON.stringify(changed));
-  } catch {
-    // full or forbidden: the views last as long as the page
-  }
+  store.keep(VIEWS, changed);
 }
 
 function showSent(): void {

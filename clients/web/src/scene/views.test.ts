@@ -1,6 +1,17 @@
 import { describe, expect, test } from "vitest";
+import { DEFAULT_OPTIONS } from "../view/types";
 import { hashOf, readHash } from "./address";
-import { checkedView, LONGEST_LINK, linkOf, MOST_VIEWS, type SavedView, viewOfLink, viewsIn, withView } from "./views";
+import {
+  checkedView,
+  LONGEST_LINK,
+  linkOf,
+  MOST_VIEWS,
+  optionsIn,
+  type SavedView,
+  viewOfLink,
+  viewsIn,
+  withView,
+} from "./views";
 
 const VIEW: SavedView = {
   name: "Einfahrt ⇄ Süd",
@@ -62,5 +73,22 @@ describe("a saved view", () => {
     expect([views.length, views[0]?.trail]).toEqual([MOST_VIEWS, 7]);
     expect(viewsIn(JSON.stringify(views))).toEqual(views);
     for (const text of [null, "", "{}", "[1, null]", "not JSON"]) expect(viewsIn(text)).toEqual([]);
+  });
+});
+
+describe("options that the browser kept", () => {
+  test("come back, without what belongs to the streams", () => {
+    const options = { ...DEFAULT_OPTIONS, colour: "ring", trail: 3, pointSize: 4, fillGaps: false, map: "town" };
+    const held = { ...options, box: VIEW.box, beside: [5], mount: 5, other: 1 };
+    expect(optionsIn(JSON.stringify(held))).toEqual(options);
+  });
+
+  test("are brought into their limits", () => {
+    const wild = { trail: 1e9, pointSize: -5, colour: "__proto__", camera: 7, compare: "yes", map: {}, measure: null };
+    expect(optionsIn(JSON.stringify(wild))).toEqual({ ...DEFAULT_OPTIONS, trail: 10, pointSize: 0.5 });
+  });
+
+  test.each([null, "", "nonsense", "null", "5", "[]"])("are as at first for %j", (text) => {
+    expect(optionsIn(text)).toEqual(DEFAULT_OPTIONS);
   });
 });

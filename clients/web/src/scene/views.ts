@@ -2,6 +2,7 @@
 import type { Camera, Colour, Stand, ViewOptions } from "../view";
 import { type Box, checkedBox } from "../view/scene/box";
 import { MOST_STREAMS } from "../view/scene/mounts";
+import { DEFAULT_OPTIONS } from "../view/types";
 
 export const COLOURS: readonly Colour[] = ["height", "intensity", "distance", "ring", "stream"];
 export const CAMERAS: readonly Camera[] = ["orbit", "follow"];
@@ -29,12 +30,39 @@ const isNumber = (value: unknown): value is number => typeof value === "number" 
 const within = (value: unknown, least: number, most: number, otherwise: number) =>
   isNumber(value) ? Math.min(Math.max(value, least), most) : otherwise;
 
+/** How the picture looks, of something that was kept or sent by somebody: within its limits, and else as at first. */
+function checkedLook({ colour, camera, pointSize, trail, rangeImage }: Partial<Look>): Look {
+  return {
+    colour: COLOURS.includes(colour as Colour) ? (colour as Colour) : DEFAULT_OPTIONS.colour,
+    camera: CAMERAS.includes(camera as Camera) ? (camera as Camera) : DEFAULT_OPTIONS.camera,
+    pointSize: within(pointSize, 0.5, 5, DEFAULT_OPTIONS.pointSize),
+    trail: Math.round(within(trail, 0, 10, DEFAULT_OPTIONS.trail)),
+    rangeImage: rangeImage !== false,
+  };
+}
+
+/** The options in a text of the browser's store, within their limits; what belongs to the streams is not among them. */
+export function optionsIn(text: string | null): ViewOptions {
+  const found = (parsed(text ?? "{}") ?? {}) as Partial<ViewOptions>;
+  const yes = (name: "compare" | "decodeInBrowser" | "fillGaps" | "measure") =>
+    typeof found[name] === "boolean" ? found[name] : DEFAULT_OPTIONS[name];
+  return {
+    ...DEFAULT_OPTIONS,
+    ...checkedLook(found),
+    compare: yes("compare"),
+    decodeInBrowser: yes("decodeInBrowser"),
+    fillGaps: yes("fillGaps"),
+    measure: yes("measure"),
+    map: typeof found.map === "string" ? found.map : null,
+  };
+}
+
 /** A view that was kept or sent by somebody; null for anything else. Numbers are brought into their limits. */
 export function checkedView(value: unknown): SavedView | null {
-  const { name, stream, beside, stand, box, colour, camera, ...rest } = (value ?? {}) as Partial<SavedView>;
+  const { name, stream, beside, stand, box, ...look } = (value ?? {}) as Partial<SavedView>;
   const text = typeof name === "string" ? name.trim().slice(0, LONGEST_NAME) : "";
-  if (!text || !isKey(stream) || !COLOURS.includes(colour as Colour) || !CAMERAS.includes(camera as Camera))
-    return null;
+  if (!text || !isKey(stream) || !COLOURS.includes(look.colour as Colour)) return null;
+  if (!CAMERAS.includes(look.camera as Camera)) return null;
   if (!stand || !FIELDS.every((field) => isNumber(stand[field]))) return null;
   const others = Array.isArray(beside) ? beside.filter((one) => isKey(one) && one !== stream) : [];
   return {
@@ -43,11 +71,7 @@ export function checkedView(value: unknown): SavedView | null {
     beside: [...new Set(others)].slice(0, MOST_STREAMS - 1),
     stand: Object.fromEntries(FIELDS.map((field) => [field, stand[field]])) as unknown as Stand,
     box: checkedBox(box),
-    colour: colour as Colour,
-    camera: camera as Camera,
-    pointSize: within(rest.pointSize, 0.5, 5, 1.5),
-    trail: Math.round(within(rest.trail, 0, 10, 0)),
-    rangeImage: rest.rangeImage !== false,
+    ...checkedLook(look),
   };
 }
 
