@@ -10,7 +10,6 @@ export { type Box, checkedBox, THINNEST_M, WIDEST } from "./scene/box";
 export type { Beside } from "./scene/guests";
 export { MOST_STREAMS, type Mount } from "./scene/mounts";
 export type { Camera, Colour, StreamName, View, ViewOptions, ViewStats } from "./types";
-export { DEFAULT_OPTIONS } from "./types";
 
 export function createView(host: HTMLElement, options: ViewOptions): View {
   return new LiveView(host, options);

@@ -62,10 +62,55 @@ test("a stream without poses, no tiles and answers that make no sense are told",
   points = () => Response.json({ detail: "there is no map 'town'" }, { status: 404 });
   map.move(pose(100, 1), 0);
   await settled();
-  expect(map.note).toBe("Map town: there is no map 'town'");
+  expect(map.note).toBe("Map town: 2 of 2 tiles are missing: there is no map 'town'");
   places = [];
   map.move(pose(900, 1), 0);
   await settled();
   expect(map.note).toContain("no tile around");
   map.close();
+});
+
+const row = (from: number, tiles: number) =>
+  Array.from({ length: tiles }, (_, number) => ({ x: from + number, y: 0, hash: `${from + number}` }));
+
+test("of more points than a card takes the nearest are drawn, wherever the vehicle went, and that is told", async () => {
+  const full = new Float32Array(3 * 100_000).buffer;
+  points = () => new Response(full);
+  places = row(0, 24);
+  const map = new MapTiles("town", undefined, () => {});
+  map.move(pose(1, 1), 0);
+  await vi.waitFor(() => expect(map.note).toBe("Map town: the nearest 20 of 24 tiles are drawn"));
+  expect(map.tiles.has("0/0")).toBe(true);
+  expect(map.tiles.has("20/0")).toBe(false);
+  const before = asked.length;
+  map.move(pose(24 * 50, 1), 20_000);
+  await vi.waitFor(() => expect(map.tiles.has("0/0")).toBe(false));
+  await settled();
+  expect([...map.tiles.keys()].map(Number.parseFloat).sort((a, b) => a - b)).toEqual(row(4, 20).map(({ x }) => x));
+  expect(asked.length - before).toBe(1 + 4);
+});
+
+test("tiles that cannot be had keep no others away, and are counted", async () => {
+  points = (place) =>
+    place.startsWith("0") || place.startsWith("1")
+      ? Response.json({ detail: `tile ${place} of map 'town' is damaged` }, { status: 507 })
+      : new Response(new Float32Array([1, 2, 3]).buffer);
+  places = row(0, 5);
+  const map = new MapTiles("town", undefined, () => {});
+  map.move(pose(1, 1), 0);
+  await settled();
+  expect([...map.tiles.keys()]).toEqual(["2/0", "3/0", "4/0"]);
+  expect(map.note).toBe("Map town: 2 of 5 tiles are missing: tile 0/0 of map 'town' is damaged");
+});
+
+test("a server that does not answer is not asked for the other tiles", async () => {
+  points = () => {
+    throw new TypeError("Failed to fetch");
+  };
+  places = row(0, 9);
+  const map = new MapTiles("town", undefined, () => {});
+  map.move(pose(1, 1), 0);
+  await settled();
+  expect(map.note).toBe("Map town: Failed to fetch");
+  expect(asked.length).toBe(3);
 });

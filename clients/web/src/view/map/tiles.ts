@@ -25,8 +25,19 @@ export interface MapTile {
 
 interface Listed {
   tile_m: number;
-  places: { x: number; y: number; hash: string }[];
+  places: Place[];
 }
+
+interface Place {
+  x: number;
+  y: number;
+  hash: string;
+}
+
+/** The answer for one tile is of no use; others may be. */
+class TileError extends Error {}
+
+const keyOf = ({ x, y }: Place) => `${x}/${y}`;
 
 export class MapTiles {
   /** By their place, `x/y`. */
@@ -72,18 +83,11 @@ export class MapTiles {
     try {
       const query = `?x=${x.toFixed(1)}&y=${y.toFixed(1)}&radius=${RADIUS_M}`;
       const { places, tile_m } = (await (await this.#get(query)).json()) as Listed;
-      const away = (one: { x: number; y: number }) =>
-        Math.hypot((one.x + 0.5) * tile_m - x, (one.y + 0.5) * tile_m - y);
+      const away = (one: Place) => Math.hypot((one.x + 0.5) * tile_m - x, (one.y + 0.5) * tile_m - y);
       const wanted = [...places].sort((a, b) => away(a) - away(b)).slice(0, MOST_TILES);
-      this.#keep(new Map(wanted.map((one) => [`${one.x}/${one.y}`, one.hash])));
-      const missing = wanted.filter((one) => !this.tiles.has(`${one.x}/${one.y}`));
-      const work = async () => {
-        for (let one = missing.shift(); one && this.#points < MOST_POINTS; one = missing.shift()) {
-          await this.#tile(one, tile_m);
-        }
-      };
-      await Promise.all(Array.from({ length: IN_FLIGHT }, work));
-      this.note = places.length === 0 ? `Map ${this.name} has no tile around this vehicle.` : null;
+      this.#keep(new Map(wanted.map((one) => [keyOf(one), one.hash])));
+      const failed = await this.#complete(wanted, tile_m);
+      this.note = this.#noteOf(places.length, failed);
     } catch (error) {
       if (this.#stop.signal.aborted) return;
       this.note = `Map ${this.name}: ${error instanceof Error ? error.message : error}`;
@@ -91,15 +95,55 @@ export class MapTiles {
     this.changed();
   }
 
+  /** Fetch what is missing of these, which come nearest first. Returns why tiles could not be had, for each of those. */
+  async #complete(wanted: readonly Place[], tile_m: number): Promise<string[]> {
+    const missing = wanted.filter((one) => !this.tiles.has(keyOf(one)));
+    const failed: string[] = [];
+    const work = async () => {
+      for (let one = missing.shift(); one && this.#hasRoom(wanted, one); one = missing.shift()) {
+        try {
+          await this.#tile(one, tile_m);
+        } catch (error) {
+          if (!(error instanceof TileError)) throw error;
+          failed.push(error.message);
+        }
+        for (const other of wanted) if (!this.#hasRoom(wanted, other)) this.tiles.delete(keyOf(other));
+      }
+    };
+    await Promise.all(Array.from({ length: IN_FLIGHT }, work));
+    return failed;
+  }
+
+  /** Whether nearer tiles leave room for this one. wanted: nearest first */
+  #hasRoom(wanted: readonly Place[], place: Place): boolean {
+    let sum = 0;
+    for (const one of wanted) {
+      if (one === place) break;
+      sum += (this.tiles.get(keyOf(one))?.points.length ?? 0) / 3;
+    }
+    return sum < MOST_POINTS;
+  }
+
+  /** listed: how many tiles the map has around the vehicle */
+  #noteOf(listed: number, failed: readonly string[]): string | null {
+    if (listed === 0) return `Map ${this.name} has no tile around this vehicle.`;
+    const told: string[] = [];
+    const drawn = this.tiles.size;
+    if (drawn + failed.length < listed) told.push(`the nearest ${drawn} of ${listed} tiles are drawn`);
+    if (failed.length > 0) told.push(`${failed.length} of ${listed} tiles are missing: ${failed[0]}`);
+    return told.length > 0 ? `Map ${this.name}: ${told.join("; ")}` : null;
+  }
+
   /** Drop tiles that are far away or have changed. */
   #keep(wanted: Map<string, string>): void {
     for (const [place, tile] of this.tiles) if (wanted.get(place) !== tile.hash) this.tiles.delete(place);
   }
 
-  async #tile({ x, y, hash }: Listed["places"][number], tile_m: number): Promise<void> {
+  /** Throws TileError if this tile cannot be had. */
+  async #tile({ x, y, hash }: Place, tile_m: number): Promise<void> {
     const data = await (await this.#get(`/${x}/${y}?form=points`)).arrayBuffer();
     if (data.byteLength % POINT_BYTES !== 0 || data.byteLength > TILE_POINTS * POINT_BYTES) {
-      throw new Error(`tile ${x}/${y} has ${data.byteLength} bytes, which are no points`);
+      throw new TileError(`tile ${x}/${y} has ${data.byteLength} bytes, which are no points`);
     }
     if (this.#stop.signal.aborted) return;
     const place = new Float64Array([1, 0, 0, x * tile_m, 0, 1, 0, y * tile_m, 0, 0, 1, 0]);
@@ -107,12 +151,7 @@ export class MapTiles {
     this.changed();
   }
 
-  get #points(): number {
-    let sum = 0;
-    for (const { points } of this.tiles.values()) sum += points.length / 3;
-    return sum;
-  }
-
+  /** Throws TileError for an answer that refuses, and what fetch throws if none comes. */
   async #get(tail: string): Promise<Response> {
     const address = new URL(`api/v1/maps/${encodeURIComponent(this.name)}${tail}`, document.baseURI);
     const headers: Record<string, string> = this.token === undefined ? {} : { Authorization: `Bearer ${this.token}` };
@@ -120,6 +159,6 @@ export class MapTiles {
     const response = await fetch(address, { headers, signal, cache: "no-cache" });
     if (response.ok) return response;
     const problem = (await response.json().catch(() => null)) as { detail?: string } | null;
-    throw new Error(problem?.detail ?? `the server answered ${response.status}`);
+    throw new TileError(problem?.detail ?? `the server answered ${response.status}`);
   }
 }
