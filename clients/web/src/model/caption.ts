@@ -2,28 +2,22 @@
 import type { ViewStats } from "../view";
 import { count } from "./format";
 
-type Told = Pick<ViewStats, "points" | "madeUp" | "frameIndex" | "inBox" | "allPoints">;
+type Told = Pick<ViewStats, "points" | "madeUp" | "frameIndex" | "inBox" | "allPoints" | "streams">;
 
-/** notice: why the picture is not live; empty if it is. stampMs: of the frame, milliseconds since 1970. beside: the other
- * streams in the picture */
-export function captionOf(
-  stream: string,
-  told: Told,
-  codec: string | null,
-  stampMs: number,
-  notice: string,
-  beside: readonly string[] = [],
-): string {
-  const parts = [
-    beside.length > 0 ? `${stream} with ${beside.join(", ")}` : stream,
-    new Date(stampMs).toISOString().replace("T", " "),
-    `frame ${told.frameIndex ?? "–"}`,
-  ];
+/** notice: why the picture is not live; empty if it is. stampMs: of the frame, milliseconds since 1970 */
+export function captionOf(stream: string, told: Told, codec: string | null, stampMs: number, notice: string): string {
+  const [own, ...others] = told.streams;
+  const parts = [stream];
+  if (notice) parts.push(notice);
+  if (own?.note) parts.push(own.note);
+  parts.push(new Date(stampMs).toISOString().replace("T", " "), `frame ${told.frameIndex ?? "–"}`);
   if (codec) parts.push(codec);
   parts.push(`${count(told.points)} points measured`);
   if (told.madeUp > 0) parts.push(`${count(told.madeUp)} filled in`);
+  for (const { name, points, note } of others) {
+    parts.push(`with ${name}: ${count(points)} points${note ? `, ${note}` : ""}`);
+  }
   if (told.inBox !== null) parts.push(`box: ${count(told.inBox)} of ${count(told.allPoints)} points`);
-  if (notice) parts.push(notice);
   return parts.join(" · ");
 }
 

@@ -73,8 +73,7 @@ export function Viewer() {
     const told = stats.value;
     if (key === null || told === null) return "";
     const [, notice] = noticeOf(told, key, rows.value, chosenRow.value);
-    const others = beside.value.map(({ name }) => `${name.vehicle}/${name.sensor}`);
-    return captionOf(key, told, chosenRow.value?.codec ?? null, stampMs, notice, others);
+    return captionOf(key, told, chosenRow.value?.codec ?? null, stampMs, notice);
   }
 
   async function savePicture() {

@@ -347,6 +347,7 @@ export class LiveView implements View, Sink {
   #drawn(): Waiting | null {
     if (!this.#renderer || !this.#last || !this.#size()) return null;
     this.#draw(this.#renderer);
+    this.#report(); // captions tell what holds now
     this.#wake();
     return this.#last;
   }

@@ -3,7 +3,7 @@ import type { Comparison } from "./compare";
 import type { Stand } from "./draw/camera";
 import type { Film } from "./draw/film";
 import type { Box } from "./scene/box";
-import type { Beside } from "./scene/guests";
+import type { Beside, LegendRow } from "./scene/guests";
 import type { Mount } from "./scene/mounts";
 
 export type Colour = "height" | "intensity" | "distance" | "ring" | "stream";
@@ -86,6 +86,8 @@ export interface ViewStats {
   inBox: number | null;
   /** Measured points of all streams that are shown. */
   allPoints: number;
+  /** The streams in the picture, the chosen one first; empty for a stream alone. */
+  streams: readonly LegendRow[];
   /** Memory of textures on the graphics card. */
   gpuBytes: number;
 }

@@ -76,13 +76,14 @@ export class Guest implements Sink {
     return (this.#layers?.bytes ?? 0) + (this.#sensor?.bytes ?? 0);
   }
 
-  /** Say why nothing comes, or how it lies. */
+  /** Say why nothing comes, and why it does not lie where it should. */
   note(mainVehicle: string, now: number): string {
     const { connection, problem, alive } = this.#source;
-    if (problem && connection !== "open") return problem;
     const { silent_s } = this.#tally.stats(now);
-    if (silent_s === null) return alive === false ? "its vehicle is away" : "waiting for a frame";
-    return silent_s > SILENT_S ? `no frame for ${Math.round(silent_s)} s` : noteOf(this.placed, mainVehicle);
+    const told = problem && connection !== "open" ? [problem] : [];
+    if (silent_s === null) return told[0] ?? (alive === false ? "its vehicle is away" : "waiting for a frame");
+    if (silent_s > SILENT_S) told.push(`no frame for ${Math.round(silent_s)} s`);
+    return [...told, noteOf(this.placed, mainVehicle)].filter(Boolean).join("; ");
   }
 
   frame(frame: RangeFrame, table: SensorTable, shown: () => void): void {

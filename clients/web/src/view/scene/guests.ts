@@ -19,7 +19,7 @@ export interface Beside {
 /** The chosen stream. */
 type Main = Seat & { sensor: string; points: number };
 
-/** A line of the legend. */
+/** A line of the legend: a stream, its measured points, and why it lies elsewhere or is missing. */
 export interface LegendRow {
   name: string;
   colour: Colour3;
@@ -112,10 +112,11 @@ export class Guests {
 
   /** Show the legend, and count what the page is told. renderer: null while the card is away */
   report(main: Main, scene: Scene, renderer: Renderer | null, legend: Legend, now: number) {
-    legend.show(this.#legend(main, scene.theme, now), scene.colour === "stream");
+    const streams = this.#legend(main, scene.theme, now);
+    legend.show(streams, scene.colour === "stream");
     const { points } = main;
     const inBox = renderer && this.#count(scene, main.pose, renderer.layers, renderer.table, now);
-    return { inBox, allPoints: points + this.all.reduce((sum, guest) => sum + guest.points, 0) };
+    return { inBox, streams, allPoints: points + this.all.reduce((sum, guest) => sum + guest.points, 0) };
   }
 
   /** Lines of the legend; none for a stream alone. */
