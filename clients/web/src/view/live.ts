@@ -367,7 +367,7 @@ export class LiveView implements View, Sink {
     scene.box = this.#options.box;
     this.#guests.settle(this.#seat(), scene.theme);
     renderer.draw(this.#camera, scene);
-    if (this.#film?.running && this.#last) this.#film.add(this.#canvas, this.#last.frame.stampMs);
+    if (this.#film?.running) this.#film.add(this.#canvas, this.#last?.frame.stampMs);
     const pane = renderer.panes(scene)[0];
     const upright = scene.compare && this.#canvas.height > this.#canvas.width;
     this.#measure.draw(renderer, this.#camera, scene);
@@ -405,6 +405,7 @@ export class LiveView implements View, Sink {
       comparison: this.#comparison,
       gpuBytes,
     });
+    if (this.#film?.running) this.#wake(); // its caption changes also while no frame comes
   }
 
   #lacksOriginals(now: number): boolean {

@@ -1,5 +1,5 @@
 /** A clip of the view as WebM, with the caption of pictures below it. It holds what is drawn, and ends by itself. */
-import { Captioned } from "./picture";
+import { Captioned, SPARE_LINES } from "./picture";
 import type { Theme } from "./theme";
 
 /** Longest clip, and most bytes of it: a browser holds it in memory. */
@@ -23,6 +23,7 @@ export class Film {
   readonly #caption: (stampMs: number) => string;
   readonly #timer: number;
   #bytes = 0;
+  #stampMs: number;
 
   /** canvas: as it was drawn in this task of the browser. Throws what the browser throws if it cannot begin. */
   constructor(
@@ -34,7 +35,8 @@ export class Film {
     type: string,
   ) {
     this.#caption = caption;
-    this.#picture = new Captioned(theme, ratio);
+    this.#stampMs = stampMs;
+    this.#picture = new Captioned(theme, ratio, SPARE_LINES);
     this.add(canvas, stampMs);
     const stream = this.#picture.out.captureStream(FPS);
     this.#recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS_A_SECOND });
@@ -61,8 +63,9 @@ export class Film {
     return this.#recorder.state === "recording";
   }
 
-  /** Add a picture that was drawn in this task of the browser. */
-  add(canvas: HTMLCanvasElement, stampMs: number): void {
+  /** Add a picture that was drawn in this task of the browser. stampMs: of its frame; without one, of the last that came */
+  add(canvas: HTMLCanvasElement, stampMs = this.#stampMs): void {
+    this.#stampMs = stampMs;
     this.#picture.draw(canvas, this.#caption(stampMs));
   }
 
