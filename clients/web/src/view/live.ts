@@ -17,7 +17,7 @@ import { LOST, NO_ORIGINALS, NO_WEBGL, TOO_WIDE } from "./messages";
 import { Motion } from "./motion";
 import { Quality } from "./quality";
 import { Guests } from "./scene/guests";
-import type { Seat } from "./scene/mounts";
+import type { MainSeat } from "./scene/mounts";
 import type { RangeFrame } from "./stream/frame";
 import { Pending } from "./stream/pending";
 import type { SensorTable } from "./stream/sensor";
@@ -378,9 +378,10 @@ export class LiveView implements View, Sink {
   }
 
   /** Where the chosen stream is. */
-  #seat(): Seat & StreamName {
+  #seat(): MainSeat & StreamName {
     const name = this.#stream?.stream ?? { vehicle: "", sensor: "" };
-    return { ...name, mount: this.#options.mount, pose: this.#scene.pose ?? this.#last?.frame.pose ?? null };
+    const seen = this.#last?.frame.pose ?? null;
+    return { ...name, mount: this.#options.mount, pose: this.#scene.pose ?? seen, seen };
   }
 
   #report(): void {

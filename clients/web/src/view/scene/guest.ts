@@ -10,7 +10,7 @@ import { CloudSocket } from "../stream/socket";
 import type { FrameSource, Sink } from "../stream/source";
 import { Tally } from "../stream/tally";
 import type { StreamName } from "../types";
-import { type Mount, noteOf, type Placed, place, type Seat } from "./mounts";
+import { type MainSeat, type Mount, noteOf, type Placed, place } from "./mounts";
 
 export interface GuestOptions {
   token: string | undefined;
@@ -112,7 +112,7 @@ export class Guest implements Sink {
     if (this.#last) this.#show(gl, this.#last, performance.now());
   }
 
-  settle(main: Seat): void {
+  settle(main: MainSeat): void {
     const { vehicle } = this.name;
     this.placed = place(this.place, main, { vehicle, mount: this.mount, pose: this.pose });
   }

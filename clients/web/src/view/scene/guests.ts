@@ -8,7 +8,7 @@ import type { SensorTable } from "../stream/sensor";
 import type { StreamName, ViewOptions } from "../types";
 import { type Box, countInside } from "./box";
 import { Guest, type GuestOptions } from "./guest";
-import { MOST_STREAMS, type Mount, type Seat } from "./mounts";
+import { type MainSeat, MOST_STREAMS, type Mount, type Seat } from "./mounts";
 
 /** Another stream to show. */
 export interface Beside {
@@ -103,7 +103,7 @@ export class Guests {
   }
 
   /** Place and colour all for the picture that is drawn now. */
-  settle(main: Seat, theme: Theme): void {
+  settle(main: MainSeat, theme: Theme): void {
     for (const [number, guest] of this.all.entries()) {
       guest.settle(main);
       guest.tint = tintOf(number + 1, theme);

@@ -1,5 +1,5 @@
 /** Where a stream is drawn in the frame of another one: by poses, else by mountings. */
-import { between, type Matrix, type Pose } from "../matrix";
+import { between, identity, type Matrix, multiply, type Pose } from "../matrix";
 
 /** T_vehicle_sensor as the server tells it: metres, and degrees of roll, then pitch, then yaw. */
 export interface Mount {
@@ -21,6 +21,12 @@ export interface Seat {
   pose: Pose | null;
 }
 
+/** The chosen stream. `pose` is where its sensor is now, `seen` where it was at its newest frame: its cloud is drawn moved
+ * from there to here. */
+export interface MainSeat extends Seat {
+  seen: Pose | null;
+}
+
 /** How it was placed. `origin`: its mounting is not known, so it is drawn at the vehicle's origin. `guess`: it is another
  * vehicle, and one of both has no pose. */
 export type Placed = "pose" | "mount" | "origin" | "guess";
@@ -39,13 +45,18 @@ export function poseOfMount(mount: Mount | null): Pose {
   ]);
 }
 
-/** out: from the frame of `other` to the frame of `main`. */
-export function place(out: Matrix, main: Seat, other: Seat): Placed {
+const moved = identity();
+const mounted = identity();
+
+/** out: from the frame of `other` to the frame of `main`. By mountings it moves as the cloud of `main` does. */
+export function place(out: Matrix, main: MainSeat, other: Seat): Placed {
   if (main.pose && other.pose) {
     between(out, main.pose, other.pose);
     return "pose";
   }
-  between(out, poseOfMount(main.mount), poseOfMount(other.mount));
+  between(mounted, poseOfMount(main.mount), poseOfMount(other.mount));
+  if (main.pose && main.seen) multiply(out, between(moved, main.pose, main.seen), mounted);
+  else out.set(mounted);
   if (main.vehicle !== other.vehicle) return "guess";
   return other.mount ? "mount" : "origin";
 }

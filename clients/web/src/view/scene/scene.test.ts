@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
 import { Camera } from "../draw/camera";
-import { identity, type Pose, transformed } from "../matrix";
+import { between, identity, type Pose, transformed } from "../matrix";
 import { pointOf } from "../measure/point";
 import { parseFrame } from "../stream/frame";
 import { type SensorEvent, sensorTable } from "../stream/sensor";
@@ -40,7 +40,7 @@ describe("the box", () => {
       frame.range[cell] = cell % 7 === 0 ? 0 : 500 + 37 * (cell % 400);
     });
     const at = identity();
-    place(at, { vehicle: "a", mount: ROOF, pose: null }, { vehicle: "a", mount: FRONT, pose: null });
+    place(at, { vehicle: "a", mount: ROOF, pose: null, seen: null }, { vehicle: "a", mount: FRONT, pose: null });
     const box = { least: [-4, -30, -1], greatest: [25, 6, 3] } as const;
     let wanted = 0;
     for (let ring = 0; ring < RINGS; ring++)
@@ -73,7 +73,7 @@ describe("the box", () => {
 
 describe("where another stream lies", () => {
   const pose = (x: number, y: number): Pose => new Float64Array([1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0]);
-  const seat = (vehicle: string, mount: Mount | null, its: Pose | null) => ({ vehicle, mount, pose: its });
+  const seat = (vehicle: string, mount: Mount | null, its: Pose | null) => ({ vehicle, mount, pose: its, seen: its });
 
   test("six numbers are the matrix that lidarcodec/mounting makes of them", () => {
     // Mounting(1, 2, 3, 10, 20, 30).T_vehicle_sensor
@@ -90,6 +90,16 @@ describe("where another stream lies", () => {
     expect(place(out, seat("a", ROOF, null), seat("a", FRONT, null))).toBe("mount");
     // 10 m ahead of the bumper is 13 m ahead of the origin: 11.5 m to the right of a roof sensor that looks left
     expect(moved(out, [10, 0, 0])).toEqual([0.5, -11.5, -1.2]);
+  });
+
+  test("by mountings it moves as the cloud of the chosen sensor does between two frames", () => {
+    const out = identity();
+    const [now, seen] = [pose(102, 50), pose(100, 50)];
+    const main = { ...seat("a", FRONT, now), seen };
+    expect(place(out, main, seat("a", { ...FRONT, y_m: -0.5 }, null))).toBe("mount");
+    // a point that both see ahead: the chosen one's frame is 2 m older than the picture
+    expect(moved(between(identity(), now, seen), [10, 0, 0])).toEqual([8, 0, 0]);
+    expect(moved(out, [10, 1, 0])).toEqual([8, 0, 0]);
   });
 
   test("without a mounting it is at the vehicle's origin, and that is told", () => {
