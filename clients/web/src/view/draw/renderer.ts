@@ -51,7 +51,7 @@ export interface Scene {
   /** Points outside are not drawn; null draws all. */
   box: Box | null;
   /** Other streams in the picture. */
-  guests: readonly (Drawn & { place: Matrix; name: StreamName })[];
+  guests: readonly (Drawn & { name: StreamName; placeOf(frame: RangeFrame): Matrix })[];
 }
 
 /** What is drawn before there is anything to draw. */
@@ -75,8 +75,8 @@ export interface Drawn {
   sensor: Texture | null;
   table: SensorTable | null;
   tint: Colour3;
-  /** To the frame of the picture; absent for the chosen stream, whose frames have poses of their own. */
-  place?: Matrix;
+  /** From a frame of it to the frame of the picture; absent for the chosen stream. */
+  placeOf?(frame: RangeFrame): Matrix;
 }
 
 export class Renderer {
@@ -273,7 +273,7 @@ export class Renderer {
       gl.uniformMatrix4fv(
         program.at("u_place"),
         false,
-        drawn.place ?? (placed ? between(this.#place, pose, layer.frame.pose as Pose) : this.#still),
+        drawn.placeOf?.(layer.frame) ?? (placed ? between(this.#place, pose, layer.frame.pose as Pose) : this.#still),
       );
       gl.uniform1f(program.at("u_fade"), number < now ? 0 : 0.3 + (0.5 * (number - now + 1)) / trails);
       this.#bind(program, layer, original, error);

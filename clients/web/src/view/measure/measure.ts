@@ -58,12 +58,15 @@ export class Measure {
       table,
       view: pose && frame.pose ? multiply(identity(), view, between(identity(), pose, frame.pose)) : view,
     }));
-    for (const { layers, table: own, place, name } of scene.compare ? [] : scene.guests) {
+    for (const guest of scene.compare ? [] : scene.guests) {
+      const { layers, table: own } = guest;
       if (!layers || !own) continue;
-      const { vehicle, sensor } = name;
-      const stream = { name: `${vehicle}/${sensor}`, place, pose: pose && Float64Array.from(pose) };
-      const at = multiply(identity(), view, place);
-      seen.push(...layers.shown.slice(0, layers.now).map(({ frame }) => ({ frame, table: own, view: at, stream })));
+      const name = `${guest.name.vehicle}/${guest.name.sensor}`;
+      for (const { frame } of layers.shown.slice(0, layers.now)) {
+        const place = Float32Array.from(guest.placeOf(frame));
+        const stream = { name, place, pose: pose && Float64Array.from(pose) };
+        seen.push({ frame, table: own, view: multiply(identity(), view, place), stream });
+      }
     }
     const { box, ground } = scene;
     const found = pick(seen, spot, (point) => !box || isInside(box, point, ground));

@@ -3,14 +3,14 @@ import { DecodingSource } from "../../decode/source";
 import { formats, Texture } from "../draw/gl";
 import { Layers } from "../draw/layers";
 import type { Colour3 } from "../draw/theme";
-import { identity, type Pose } from "../matrix";
+import type { Matrix, Pose } from "../matrix";
 import { MAX_RINGS, type RangeFrame } from "../stream/frame";
 import { type SensorTable, TEXELS } from "../stream/sensor";
 import { CloudSocket } from "../stream/socket";
 import type { FrameSource, Sink } from "../stream/source";
 import { Tally } from "../stream/tally";
 import type { StreamName } from "../types";
-import { type MainSeat, type Mount, noteOf, type Placed, place } from "./mounts";
+import { type MainSeat, type Mount, noteOf, type Placed, Placing } from "./mounts";
 
 export interface GuestOptions {
   token: string | undefined;
@@ -28,12 +28,10 @@ interface Came {
 }
 
 export class Guest implements Sink {
-  /** From its sensor to the frame of the picture. */
-  readonly place = identity();
   mount: Mount | null = null;
   tint: Colour3 = [1, 1, 1];
   table: SensorTable | null = null;
-  placed: Placed = "origin";
+  readonly #placing = new Placing();
   readonly #source: FrameSource;
   readonly #tally = new Tally();
   #layers: Layers | null = null;
@@ -114,7 +112,16 @@ export class Guest implements Sink {
 
   settle(main: MainSeat): void {
     const { vehicle } = this.name;
-    this.placed = place(this.place, main, { vehicle, mount: this.mount, pose: this.pose });
+    this.#placing.settle(main, { vehicle, mount: this.mount, pose: this.pose });
+  }
+
+  get placed(): Placed {
+    return this.#placing.placed;
+  }
+
+  /** From the sensor at one of its frames to the frame of the picture. Overwritten at the next call. */
+  placeOf({ pose }: Pick<RangeFrame, "pose">): Matrix {
+    return this.#placing.of(pose);
   }
 
   close(): void {

@@ -4,6 +4,7 @@ import type { Legend } from "../draw/legend";
 import type { Renderer, Scene } from "../draw/renderer";
 import type { Colour3, Theme } from "../draw/theme";
 import { between, identity, type Matrix, type Pose } from "../matrix";
+import type { RangeFrame } from "../stream/frame";
 import type { SensorTable } from "../stream/sensor";
 import type { StreamName, ViewOptions } from "../types";
 import { type Box, countInside } from "./box";
@@ -141,10 +142,12 @@ export class Guests {
     else if (this.#inside === null || box !== this.#box || now - this.#countedMs >= COUNT_MS) {
       this.#countedMs = now;
       this.#box = box;
-      const main = (its: Pose | null) => (pose && its ? between(identity(), pose, its) : identity());
+      const main = ({ pose: its }: RangeFrame) => (pose && its ? between(identity(), pose, its) : identity());
       this.#inside = counted(layers, table, main, box, ground);
-      for (const { layers: shown, table: own, place } of this.all)
-        if (shown && own) this.#inside += counted(shown, own, () => place, box, ground);
+      for (const guest of this.all) {
+        const { layers: shown, table: own } = guest;
+        if (shown && own) this.#inside += counted(shown, own, (frame) => guest.placeOf(frame), box, ground);
+      }
     }
     return this.#inside;
   }
@@ -166,11 +169,11 @@ export class Guests {
 function counted(
   { shown, now }: Layers,
   table: SensorTable,
-  placeOf: (pose: Pose | null) => Matrix,
+  placeOf: (frame: RangeFrame) => Matrix,
   box: Box,
   ground: number,
 ): number {
   return shown
     .slice(0, now)
-    .reduce((sum, { frame }) => sum + countInside(frame, table, placeOf(frame.pose), box, ground), 0);
+    .reduce((sum, { frame }) => sum + countInside(frame, table, placeOf(frame), box, ground), 0);
 }

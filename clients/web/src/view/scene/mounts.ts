@@ -61,6 +61,26 @@ export function place(out: Matrix, main: MainSeat, other: Seat): Placed {
   return other.mount ? "mount" : "origin";
 }
 
+/** Where the frames of another stream lie. By poses each lies where it was, also each of the slabs that make a turn. */
+export class Placing {
+  placed: Placed = "origin";
+  readonly #newest = identity();
+  readonly #one = identity();
+  #main: Pose | null = null;
+
+  /** Place it for the picture that is drawn now. other: with the pose of its newest frame */
+  settle(main: MainSeat, other: Seat): void {
+    this.#main = main.pose;
+    this.placed = place(this.#newest, main, other);
+  }
+
+  /** From the frame of a pose of its sensor to that of the picture. Overwritten at the next call. */
+  of(pose: Pose | null): Matrix {
+    if (this.placed !== "pose" || !this.#main || !pose) return this.#newest;
+    return between(this.#one, this.#main, pose);
+  }
+}
+
 /** What the legend says of a stream beside its name; empty if it lies where it should. */
 export function noteOf(placed: Placed, mainVehicle: string): string {
   if (placed === "origin") return "no mounting: drawn at the vehicle's origin";

@@ -6,7 +6,7 @@ import { parseFrame } from "../stream/frame";
 import { type SensorEvent, sensorTable } from "../stream/sensor";
 import { message } from "../testing";
 import { checkedBox, countInside, THINNEST_M, WIDEST } from "./box";
-import { type Mount, noteOf, place, poseOfMount } from "./mounts";
+import { type Mount, noteOf, Placing, place, poseOfMount } from "./mounts";
 
 const RINGS = 64;
 const list = (value: (ring: number) => number) => Array.from({ length: RINGS }, (_, ring) => value(ring));
@@ -90,6 +90,17 @@ describe("where another stream lies", () => {
     expect(place(out, seat("a", ROOF, null), seat("a", FRONT, null))).toBe("mount");
     // 10 m ahead of the bumper is 13 m ahead of the origin: 11.5 m to the right of a roof sensor that looks left
     expect(moved(out, [10, 0, 0])).toEqual([0.5, -11.5, -1.2]);
+  });
+
+  test("each slab of a turn lies where its sensor was, as the chosen stream's do", () => {
+    const placing = new Placing();
+    const [main, newest, oldest] = [pose(4_000_000, 10), pose(4_000_005, 10), pose(4_000_003.5, 10)];
+    placing.settle(seat("a", ROOF, main), seat("b", null, newest));
+    expect(moved(placing.of(newest), [1, 0, 0])).toEqual([6, 0, 0]);
+    expect(moved(placing.of(oldest), [1, 0, 0])).toEqual([4.5, 0, 0]);
+    expect(moved(placing.of(null), [1, 0, 0])).toEqual([6, 0, 0]);
+    placing.settle(seat("a", ROOF, null), seat("a", ROOF, newest));
+    expect([placing.placed, moved(placing.of(oldest), [1, 0, 0])]).toEqual(["mount", [1, 0, 0]]);
   });
 
   test("by mountings it moves as the cloud of the chosen sensor does between two frames", () => {
