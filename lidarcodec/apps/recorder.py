@@ -34,6 +34,7 @@ logger = logging.getLogger(__name__)
 RecordAs = Literal["packets", "lossless"]
 WAITING = 20
 """Most frames that wait for the disk: two seconds, 9 MB. A frame may have refinements beside its message."""
+_FRAME_BYTES = 450_000
 CLOSE_LIMIT_S = 10.0
 LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
@@ -199,5 +200,7 @@ class BackgroundRecorder:
 
 
 def _load(item: bytes | list[Packet] | Frame | Cloud) -> Fraction:
-    """What an item is of a frame: all refinements of a frame are one more."""
-    return Fraction(1, SECTORS) if isinstance(item, bytes) and is_refinement(item) else Fraction(1)
+    """What an item is of a frame: all refinements of a frame are one more; large ones count by their bytes."""
+    if not (isinstance(item, bytes) and is_refinement(item)):
+        return Fraction(1)
+    return min(max(Fraction(1, SECTORS), Fraction(len(item), _FRAME_BYTES)), Fraction(WAITING, 2))

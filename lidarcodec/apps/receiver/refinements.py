@@ -9,6 +9,7 @@ than without refinements.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from lidarcodec.apps.once import Once
 from lidarcodec.apps.reports import Refined, pack_refined
 from lidarcodec.errors import DecodeError, TransportError
 from lidarcodec.frame import Frame
-from lidarcodec.layers import RefinedFrame, Refinement, can_be_base, unpack
+from lidarcodec.layers import RefinedFrame, can_be_base, unpack
 from lidarcodec.message import Message
 from lidarcodec.recording.refinements import Refinements as Kept
 from lidarcodec.transport import Transport
@@ -26,8 +27,12 @@ from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import checksum_of
 
+logger = logging.getLogger(__name__)
+
 WAITING: Final = 16
 """Most refinements that wait for the thread; a publisher sends a few at once. Beyond that the oldest are lost."""
+WAITING_BYTES: Final = 16 * 2**20
+"""Most bytes of them. A sector has 10 kB."""
 _JOIN_S = 5.0
 
 
@@ -50,14 +55,15 @@ class Refinements:
     ) -> None:
         self._keys, self._name, self._once = keys, name, once
         self._on_frame, self._on_refinement = on_frame, on_refinement
-        self._waiting: deque[bytes] = deque(maxlen=WAITING)
+        self._waiting: deque[bytes] = deque()
+        self._bytes = 0
         self._condition = threading.Condition()
         self._giving = threading.RLock()
         self._held: RefinedFrame | None = None
         self._newest: tuple[int, int] | None = None
         self._kept = Kept()
         self._closed = False
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter(lost=0)
         self._thread: threading.Thread | None = None
 
     def declare(self, transport: Transport) -> list[Closeable]:
@@ -97,12 +103,15 @@ class Refinements:
 
     def _came(self, key: str, data: bytes) -> None:
         with self._condition:
-            self.counts["lost"] += len(self._waiting) == WAITING
             self._waiting.append(data)
+            self._bytes += len(data)
+            while len(self._waiting) > WAITING or self._bytes > WAITING_BYTES:
+                self._bytes -= len(self._waiting.popleft())
+                self.counts["lost"] += 1
             self._condition.notify()
 
     def _run(self, reports: Sender) -> None:
-        undecoded: deque[tuple[Refinement, bytes]] = deque()
+        undecoded: deque[tuple[tuple[int, int], bytes]] = deque()
         while True:
             with self._condition:
                 self._condition.wait_for(lambda: bool(self._waiting or undecoded) or self._closed)
@@ -110,6 +119,7 @@ class Refinements:
                     return
                 waiting = list(self._waiting)
                 self._waiting.clear()
+                self._bytes = 0
             for data in waiting:  # all are reported before one is decoded: the publisher waits for the reports
                 try:
                     one = unpack(data)  # checks the checksum before anything is counted
@@ -120,17 +130,24 @@ class Refinements:
                     reports.put(pack_refined(Refined(one.frame_index, checksum_of(data), one.sector)))
                 except TransportError as error:
                     self._once.add("arrival_errors", error)
-                self._on_refinement(data)
-                undecoded.append((one, data))
-            while len(undecoded) > WAITING:
+                self._keep(data)
+                undecoded.append(((one.stream_id, one.frame_index), data))
+            while len(undecoded) > WAITING or sum(len(data) for _, data in undecoded) > WAITING_BYTES:
                 undecoded.popleft()
                 self.counts["lost"] += 1
             if undecoded:
                 self._take(*undecoded.popleft())
 
-    def _take(self, one: Refinement, data: bytes) -> None:
+    def _keep(self, data: bytes) -> None:
+        try:
+            self._on_refinement(data)
+        except Exception as error:  # of the caller's function: refining goes on
+            logger.exception("a refinement could not be kept")
+            self._once.add("refinement_errors", error)
+
+    def _take(self, of: tuple[int, int], data: bytes) -> None:
+        """of: stream and index of its frame"""
         with self._giving:
-            of = (one.stream_id, one.frame_index)
             if self._held is not None and of == self._newest:
                 self._add(data)
             elif self._newest is not None and of[0] == self._newest[0] and of[1] <= self._newest[1]:
@@ -146,6 +163,9 @@ class Refinements:
         try:
             self.counts["taken"] += held.add(unpack(data))
         except DecodeError as error:
+            self._once.add("refinement_errors", error)
+        except Exception as error:  # an error in the decoder: only this refinement is lost
+            logger.exception("frame %d could not be refined", held.base.index)
             self._once.add("refinement_errors", error)
         if held.whole:
             self.flush()
