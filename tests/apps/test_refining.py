@@ -12,6 +12,7 @@ from lidarcodec.apps.publisher.refining import Refining
 from lidarcodec.apps.receiver.refinements import Refinements
 from lidarcodec.apps.reports import Refined, pack_refined
 from lidarcodec.assembly import packets_of
+from lidarcodec.errors import TransportError
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.layers import pack, unpack
 from lidarcodec.settings import StreamSettings
@@ -63,6 +64,64 @@ def test_who_does_not_ask_gets_the_base_and_nothing_is_coded_for_nobody(network)
     assert told["sent"] == 0
 
 
+def test_a_link_rests_before_the_next_message_is_due(network):
+    car, other = network.end(), network.end()
+    refining = Refining(KEYS, lambda: car, Flight(), logger_of())
+    came: list[int] = []
+    reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
+
+    def report(key, data):
+        time.sleep(0.04)  # a sector takes so long
+        came.append(unpack(data).frame_index)
+        reports.put(pack_refined(Refined(came[-1], checksum_of(data), unpack(data).sector)))
+
+    other.listen(KEYS.refine(), report)
+    size = 3 * len(sent().refinable.code(0))
+    for index in range(3):
+        refining.offer(sent(turn(index=index)).refinable, size)
+        time.sleep(0.3)
+        refining.next_frame()
+    refining.close()
+    assert 1 <= came.count(2) <= 5  # 0.3 s, less 0.12 s for the next message, in sectors of 0.04 s; without a rest 7
+
+
+def test_an_error_of_the_transport_ends_one_frame_only(network):
+    class Failing:
+        """Fails at its first sector."""
+
+        def __init__(self):
+            self.end, self.failed = network.end(), False
+
+        def listen(self, key, handler):
+            return self.end.listen(key, handler)
+
+        def sender(self, key, priority):
+            sender, put = self.end.sender(key, priority), None
+            put = sender.put
+
+            def failing(data):
+                if not self.failed:
+                    self.failed = True
+                    raise TransportError("the session is closed")
+                put(data)
+
+            sender.put = failing
+            return sender
+
+    other, once = network.end(), logger_of()
+    came: list[bytes] = []
+    other.listen(KEYS.refine(), lambda key, data: came.append(data))
+    car = Failing()
+    refining = Refining(KEYS, lambda: car, Flight(), once)
+    for index in range(2):
+        refining.offer(sent(turn(index=index)).refinable, 1)
+        time.sleep(0.15)
+        refining.next_frame()
+    assert eventually(lambda: len(came) == 1)
+    assert once.counts["refinement errors"] == 1
+    refining.close()
+
+
 def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     car, other = network.end(), network.end()
     flight = Flight()
@@ -71,7 +130,7 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     other.listen(KEYS.refine(), lambda key, data: came.append(data))
     reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
     first, second = sent(), sent(turn(index=1))
-    refining.offer(first.refinable)
+    refining.offer(first.refinable, 1)
     assert eventually(lambda: len(came) == 1)
     time.sleep(0.1)
     assert len(came) == 1  # one is under way
@@ -83,7 +142,8 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     refining.next_frame()
     assert eventually(lambda: refining.state()["given_up"] == 10)
     assert [unpack(data).sector for data in came] == [0, 11]
-    refining.offer(second.refinable)
+    time.sleep(0.4)  # a sector took 0.1 s: there is room for one
+    refining.offer(second.refinable, 1)
     assert eventually(lambda: len(came) == 3)
     assert refining.state()["arrived"] == 1
     refining.close()

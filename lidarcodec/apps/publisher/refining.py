@@ -1,9 +1,12 @@
 """Refining: sends refinements of the last frame while the link has room (`base_error_m`).
 
 A sector is sent when no message is under way, and the sector before has arrived; on a path with a long round trip,
-a few may be under way. None is sent that would still be under way when the next frame is due. What is left when that
-comes is given up, so that a message waits for one sector at most. Sectors are coded when they are sent: those that are
-given up cost no time.
+a few may be under way. What is left when the next frame comes is given up, so that a message waits for one sector at
+most. Before the next message is due, the link rests for as long as it needs for a message: many links let that much
+pass at once after a rest. Where a sector takes too long for that, one is tried now and then. Sectors are coded when
+they are sent: those that are given up cost no time.
+
+Reports of the receiver that the stream follows count, if it takes refinements, else those of all receivers.
 """
 
 from __future__ import annotations
@@ -12,12 +15,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.reports import read_refined
-from lidarcodec.errors import LidarCodecError, TransportError
+from lidarcodec.errors import TransportError
 from lidarcodec.layers import SECTORS, RefinableFrame
 from lidarcodec.settings import is_name
 from lidarcodec.transport import Transport
@@ -29,8 +32,21 @@ TICK_S = 0.01
 """Interval at which the thread looks whether a message is under way."""
 MOST_UNDER_WAY = 6
 _JOIN_S = 5.0
-_SMOOTH = 0.25
-_FORGET = 0.75
+_SMOOTH, _SLOWER = 0.25, 0.5
+_RISE = 1.01
+MARGIN = 1.25
+"""Times are taken to be so much longer than measured."""
+TRIED_AGAIN, SELDOM = 8, 256
+"""Frames without a sector, after which one is tried; twice as many each time that it was no use, up to the second."""
+
+
+class _Put(NamedTuple):
+    """A sector under way. alone: whether it was the only one"""
+
+    checksum: int
+    at_s: float
+    size: int
+    alone: bool
 
 
 class Refining:
@@ -44,31 +60,39 @@ class Refining:
         self._condition = threading.Condition()
         self._frame: RefinableFrame | None = None
         self._turn = 0  # counts frames: what was begun for an earlier one is given up
-        self._under_way: dict[tuple[int, int], tuple[int, float, bool]] = {}
+        self._under_way: dict[tuple[int, int], _Put] = {}
         self._took_s: float | None = None  # from put to report, of a sector alone on its way
+        self._s_per_byte: float | None = None  # of the same sectors, without the round trip
+        self._rtt_s: float | None = None  # the shortest one: those beside messages are longer
+        self._base_bytes = 0
+        self._patience, self._without = TRIED_AGAIN, 0
+        self._trial = self._tried = False  # whether a sector goes that may take too long, and whether it went
+        self._followed: str | None = None  # the last followed receiver that reported a refinement
+        self._last_put_s: float | None = None
         self._interval_s: float | None = None
-        self._begun_s = time.monotonic()
         self._counts: Counter[str] = Counter()
-        self._closed = self._busy = False
+        self._closed = self._busy = self._finishing = False
         self._thread: threading.Thread | None = None
         self._declared: list[Closeable] = []
 
     def next_frame(self) -> None:
         """A frame is about to be encoded: give up what is left of the last one."""
         with self._condition:
-            now_s = time.monotonic()
-            self._interval_s, self._begun_s = smoothed(self._interval_s, now_s - self._begun_s), now_s
             self._frame = None
             self._turn += 1
             self._condition.notify_all()
 
-    def offer(self, frame: RefinableFrame | None) -> None:
-        """Refine this frame, whose message was just sent; None: there is nothing to refine."""
+    def offer(self, frame: RefinableFrame | None, size: int) -> None:
+        """Refine this frame, whose message of `size` bytes was just sent; None: there is nothing to refine."""
         if frame is None:
             return
         with self._condition:
             if self._closed:
                 return
+            now_s = time.monotonic()
+            if self._last_put_s is not None:
+                self._interval_s = mean_of(self._interval_s, now_s - self._last_put_s)
+            self._last_put_s, self._base_bytes = now_s, size
             self._frame = frame
             self._condition.notify_all()
         if self._thread is None:
@@ -76,8 +100,9 @@ class Refining:
             self._thread.start()
 
     def finish(self, limit_s: float) -> None:
-        """Wait until the last frame is refined and all sectors have arrived, at most `limit_s`."""
+        """No message follows. Wait until the last frame is refined and all sectors have arrived, at most `limit_s`."""
         with self._condition:
+            self._finishing = True
             self._condition.wait_for(
                 lambda: self._closed or not (self._frame or self._busy or self._under_way), limit_s
             )
@@ -135,29 +160,45 @@ class Refining:
             self._count("no_receiver")
             return
         left = frame.sectors
+        self._tried = False
         self._count("frames")
         with self._condition:
             self._under_way.clear()  # reports that did not come with the last frame are not waited for
         while left and self._has_room(turn):
             try:
                 data = frame.code(left[0])
-            except LidarCodecError as error:
+            except Exception as error:  # after any error the next frame is refined
                 self._once.add("refinement errors", error)
                 break
-            if not self._put(senders[left[0]], (frame.frame.index, left[0]), data, turn):
+            try:
+                if not self._put(senders[left[0]], (frame.frame.index, left[0]), data, turn):
+                    break
+            except TransportError as error:  # as with messages: the next frame tries again
+                self._once.add("refinement errors", error)
                 break
             left = left[1:]
         self._count("given_up", len(left))
         self._count("whole", not left)
-        if len(left) == len(frame.sectors):  # perhaps because one sector took long: try again, in time
-            with self._condition:
-                self._took_s = None if self._took_s is None else _FORGET * self._took_s
+        with self._condition:
+            self._tries(sent=len(left) < len(frame.sectors))
+
+    def _tries(self, *, sent: bool) -> None:
+        """After a frame: perhaps try a sector with the next one, although the last ones took too long."""
+        if sent:
+            self._patience = self._patience if self._trial else TRIED_AGAIN
+            self._without = 0
+            self._trial = False
+            return
+        self._without += 1
+        if self._without >= self._patience:
+            self._trial = True
+            self._without, self._patience = 0, min(2 * self._patience, SELDOM)
 
     def _put(self, sender: Sender, name: tuple[int, int], data: bytes, turn: int) -> bool:
         with self._condition:
             if turn != self._turn:
                 return False
-            self._under_way[name] = (checksum_of(data), time.monotonic(), not self._under_way)
+            self._under_way[name] = _Put(checksum_of(data), time.monotonic(), len(data), not self._under_way)
             self._counts["sent"] += 1
             self._counts["bytes"] += len(data)
         sender.put(data)
@@ -173,9 +214,13 @@ class Refining:
             return False
 
     def _arrives_in_time(self) -> bool:
-        if self._interval_s is None or self._took_s is None:
+        if self._interval_s is None or self._took_s is None or self._last_put_s is None or self._finishing:
             return True
-        return time.monotonic() + self._took_s < self._begun_s + self._interval_s
+        if self._trial and not self._tried:
+            self._tried = True
+            return True
+        rest_s = min(MARGIN * self._base_bytes * (self._s_per_byte or 0.0), self._interval_s / 2)
+        return time.monotonic() + MARGIN * self._took_s + rest_s < self._last_put_s + self._interval_s
 
     def _window(self) -> int:
         """How many sectors may be under way: 1 + round trip / time to send one."""
@@ -192,19 +237,33 @@ class Refining:
 
     def _reported(self, key: str, data: bytes) -> None:
         report = read_refined(data)
-        if report is None or not is_name(key.rpartition("/")[2]):
+        name = key.rpartition("/")[2]
+        if report is None or not is_name(name):
             return
+        following = self._flight.following
         with self._condition:
             found = self._under_way.get((report.frame_index, report.sector))
-            if found is None or found[0] != report.checksum:
+            if found is None or found.checksum != report.checksum:
+                return
+            if name == following:
+                self._followed = name
+            elif following is not None and following == self._followed:
                 return
             del self._under_way[report.frame_index, report.sector]
             self._counts["arrived"] += 1
-            if found[2]:
-                self._took_s = smoothed(self._took_s, time.monotonic() - found[1])
+            if found.alone:
+                took_s, rtt_s = time.monotonic() - found.at_s, self._flight.rtt_s or 0.0
+                self._rtt_s = rtt_s if self._rtt_s is None else min(rtt_s, _RISE * self._rtt_s)
+                per_byte = max(0.0, took_s - self._rtt_s) / found.size
+                self._took_s, self._s_per_byte = smoothed(self._took_s, took_s), smoothed(self._s_per_byte, per_byte)
             self._condition.notify_all()
 
 
 def smoothed(before: float | None, value: float) -> float:
+    """A running mean, of the mean before and a new value; it follows larger values quickly."""
+    return value if before is None else before + (_SLOWER if value > before else _SMOOTH) * (value - before)
+
+
+def mean_of(before: float | None, value: float) -> float:
     """A running mean, of the mean before and a new value."""
     return value if before is None else before + _SMOOTH * (value - before)

@@ -170,7 +170,7 @@ class Sending:
                 self._wait_alone()
             self._put(sender, message, packed)
         if refining is not None and not left_out:
-            refining.offer(refinable)
+            refining.offer(refinable, sum(len(packed) for _, packed in data))
         if left_out:
             self._board.left_out += 1
         elif self._side_outputs.recorder is not None:
