@@ -162,8 +162,8 @@ class StreamSettings(BaseModel):
         if self.base_error_m is not None:
             if step_of(self.base_error_m) <= self.step:
                 raise ValueError(
-                    f"base_error_m={self.base_error_m:g} is not above what refinements reach: give a larger one, of at "
-                    "least 0.002 m"
+                    f"base_error_m={self.base_error_m:g} is not above what refinements reach: give a larger one than "
+                    "max_error_m, of at least 0.002 m"
                 )
             if self.codec == AUTO:
                 raise ValueError("codec auto sends one layer: name a codec with base_error_m")
