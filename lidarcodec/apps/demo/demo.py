@@ -120,8 +120,8 @@ class Demo:
         self._fidelity = "packets are restored byte for byte"
         if not table.codec(without_auto(settings).codec).bounded:
             self._fidelity = "lossy, without an error bound"
-        elif settings.step > 1:
-            self._fidelity = f"range errors up to {settings.max_error_m} m"
+        elif settings.base.step > 1:  # the demo takes no refinements
+            self._fidelity = f"range errors up to {settings.base.max_error_m} m"
         elif settings.intensity_levels != 256:
             self._fidelity = f"ranges exact, intensity {settings.intensity}"
         self._interrupted, self._parent = False, os.getppid()

@@ -32,7 +32,7 @@ TICK_S = 0.01
 """Interval at which the thread looks whether a message is under way."""
 MOST_UNDER_WAY = 6
 _JOIN_S = 5.0
-_SMOOTH, _SLOWER = 0.25, 0.5
+_SMOOTH, _SLOWER = 0.25, 0.75
 _RISE = 1.01
 MARGIN = 1.25
 """Times are taken to be so much longer than measured."""

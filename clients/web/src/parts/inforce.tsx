@@ -5,6 +5,7 @@ import type { Settings, SettingsState, Stream } from "../model/wire";
 /** The settings in force, the target bitrate, and differences from the wanted settings. */
 export function InForce({ state, stream }: { state: SettingsState | null; stream: Stream | null }) {
   const applied = state?.applied ?? stream?.settings ?? null;
+  const bound = applied?.base_error_m ?? applied?.max_error_m; // the page takes no refinements
   const rate = stream?.status?.rate;
   const reduction = stream?.status?.reduction;
   const preparing = stream?.status?.preparing;
@@ -14,9 +15,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       <p>
         <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? codecOf(applied, stream) : "–"}
         {applied?.purpose !== undefined && applied.purpose !== "look" && `, purpose ${plain(applied.purpose)}`}
-        {applied?.base_error_m != null
-          ? `, error up to ${plain(applied.base_error_m)} m: this page shows the base, without refinements`
-          : applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
+        {bound != null && `, error up to ${plain(bound)} m`}
         {applied?.reduction !== undefined &&
           applied.reduction !== "all" &&
           applied.reduction !== "auto" &&
