@@ -96,8 +96,8 @@ class CompressPlan:
             found.append(f"{number:,} of these are there only in part: the earlier settings complete them")
         if number := self.counts["earlier_aside"]:
             found.append(
-                f"{number:,} of the inputs were set aside by an earlier run, whole or in part: aside/ in the archive says "
-                "why, --repair tries them again"
+                f"{number:,} of the inputs were set aside by an earlier run, whole or in part: aside/ in the archive "
+                "says why, --repair tries them again"
             )
         if number := self.counts["changed"]:
             found.append(

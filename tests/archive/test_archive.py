@@ -290,7 +290,10 @@ def test_a_lost_table_ends_no_query_of_the_others(filled, caplog):
     gone = open_archive(filled).query(f"select count(*) from read_parquet('{lost}')")[1][0][0]
     lost.unlink()
     assert open_archive(filled).query("select count(*) from frames")[1] == [(FRAMES - gone,)]
-    assert f"1 segments have lost their tables, so their frames are missing here: car-7/roof/{lost.name[:24]}" in caplog.text
+    assert (
+        f"1 segments have lost their tables, so their frames are missing here: car-7/roof/{lost.name[:24]}"
+        in caplog.text
+    )
 
 
 def test_a_table_that_was_replaced_between_two_listings_is_not_missed(filled, monkeypatch, caplog):

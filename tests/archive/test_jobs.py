@@ -106,6 +106,19 @@ def test_reduce_keeps_the_settings_of_each_segment(filled):
     assert json.loads(archive(*words, "--json").stdout)["unchanged"] == 2
 
 
+def test_the_same_reduction_with_another_bound_removes_nothing_more(filled):
+    points, words = "select sum(points) from frames", ("run", filled, filled, "--job", "recompress", *HERE, "--json")
+    reduced = ("--set", "reduction=random", "--set", "keep_fraction=0.5")
+    archive(*words, *reduced)
+    before = open_archive(filled).query(points)
+    coarser = (*words, *reduced, "--set", "max_error_m=0.05")
+    assert json.loads(archive(*coarser).stdout)["segments"] == 2
+    assert open_archive(filled).query(points) == before
+    assert json.loads(archive(*coarser).stdout)["unchanged"] == 2
+    archive(*words, "--set", "reduction=random", "--set", "keep_fraction=0.25")
+    assert open_archive(filled).query(points) < before
+
+
 def test_stats_say_what_is_there(filled):
     done = archive("run", filled, filled, "--job", "stats", "--json")
     (row,) = json.loads(done.stdout)["stats"]

@@ -7,8 +7,9 @@ and the errors of both add up.
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from itertools import chain
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.archive.names import Commit, id_of
 from lidarcodec.archive.objects import read_commit
@@ -21,6 +22,9 @@ from lidarcodec.pipeline import StreamEncoder, check_offline
 from lidarcodec.settings import settings_from
 from lidarcodec.wire.header import MAJOR, MINOR
 
+REDUCING: Final = frozenset({"reduction", "keep_points", "keep_fraction"})
+"""Settings of a reduction."""
+
 
 def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
     """Encode a segment again. value: `commit` (fields of Commit), `settings`, `delete_old`, `dry`
@@ -28,6 +32,8 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
     `settings` are all of them, or with `adds` those that are added to the settings of the segment.
 
     `older` has the segments that this one replaced (fields of each), if their recordings are still there.
+
+    A reduction that the segment has had already is not done once more.
 
     With `dry` nothing is written. With `delete_old` the old recording and its table are deleted after the new
     recording was read back from the store. A segment that has these settings already is left as it is.
@@ -46,7 +52,7 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
     segment = id_of("recompress", commit.segment, found["sha256"], settings, [MAJOR, MINOR])
     about = {"job": "recompress", "input": found["object"], "not_kept": found["not_kept"]}
     known = About(commit.vehicle, commit.sensor, commit.segment, segment, about, (found["bound_m"], found["error_m"]))
-    encoder = StreamEncoder(check_offline(settings_from(settings)), known.stream_id)
+    encoder = StreamEncoder(check_offline(settings_from(_left(settings, found["settings"]))), known.stream_id)
     with scratch_folder() as folder:
         old = folder / "old.mcap"
         target.download(found["object"], old)
@@ -57,12 +63,20 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
             raise SourceError(f"{found['object']} has no frame that can be decoded")
         encoder.prepare(first.sensor)
         product = write_product(chain((first,), pictures), encoder, known, folder)
+        product = replace(product, value=product.value | {"settings": settings})
         if product.value["frames"] != found["frames"]:
             raise SourceError(f"{found['object']} has lost frames: it was left as it is")
         won = publish(target, product)
     if value["delete_old"]:
         _delete([found, *older], read_commit(target, product.commit), target)
     return {"won": won, "frames": found["frames"], "bytes": product.value["bytes"], "bytes_before": found["bytes"]}
+
+
+def _left(settings: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
+    """Settings to encode with. A reduction that the segment has had already would reduce what it left once more."""
+    if any(settings[name] != before.get(name) for name in REDUCING):
+        return settings
+    return {name: value for name, value in settings.items() if name not in REDUCING}
 
 
 def _delete(olds: list[dict[str, Any]], new: dict[str, Any], store: Store) -> None:

@@ -14,6 +14,7 @@ from lidarcodec.archive.archive import time_ns
 from lidarcodec.archive.driver import Outcome, Plan, drive
 from lidarcodec.archive.engines.table import WORKERS, check_engine, make_engine
 from lidarcodec.archive.index import index
+from lidarcodec.archive.jobs.recompress import REDUCING
 from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
 from lidarcodec.archive.names import Commit, notes_of
 from lidarcodec.archive.plan import Choice, CompressPlan, SegmentPlan, archive_settings
@@ -36,14 +37,13 @@ from lidarcodec.settings import StreamSettings
 log = logging.getLogger(__name__)
 
 NUMBERS: Final = (
-    "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments", "frames", "packet_bytes",
-    "bytes", "bytes_before", "unchanged", "compared", "points", "joined", "removed", "tried_again", "done_twice",
+    "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments",
+    "frames", "packet_bytes", "bytes", "bytes_before", "unchanged", "compared", "points", "joined", "removed", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
-_REDUCING: Final = {"reduction", "keep_points", "keep_fraction"}
 _WORKING: Final = ("workers", "processes", "scheduler", "timeout")
 
 
@@ -69,7 +69,7 @@ class Wanted:
 
 
 def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
-    """Do the job and print what was done. Returns whether nothing was missing: set aside now or earlier, left, found broken."""
+    """Do the job and print what was done. Returns whether nothing was set aside, now or earlier, left or broken."""
     job, settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
@@ -134,7 +134,7 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
     check_extra()
     check_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
     settings = check_offline(one_setting(wanted.codec, wanted.pairs))
-    other = {pair.partition("=")[0].strip() for pair in wanted.pairs} - _REDUCING
+    other = {pair.partition("=")[0].strip() for pair in wanted.pairs} - REDUCING
     if wanted.job == "reduce" and (not settings.reduces or wanted.codec or other):
         raise SettingsError("--job reduce takes reduction=NAME and keep_points or keep_fraction, and nothing else")
     if wanted.policy is not None:
@@ -187,7 +187,7 @@ def _chosen(wanted: Wanted, settings: StreamSettings) -> Choice:
 
         return by_policy
     if wanted.job == "reduce":
-        more |= {"settings": settings.model_dump(mode="json", include=_REDUCING), "adds": True}
+        more |= {"settings": settings.model_dump(mode="json", include=REDUCING), "adds": True}
     else:
         more |= {"settings": settings.model_dump(mode="json")}
     before_ns = None if wanted.before is None else time_ns(wanted.before)

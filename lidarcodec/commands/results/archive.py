@@ -34,8 +34,14 @@ class ArchiveStats(TypedDict):
     points: Annotated[int | None, "returns"]
     packet_bytes: Annotated[int | None, "bytes of the packets"]
     bytes: Annotated[int | None, "bytes after coding"]
-    bound_m: Annotated[float | None, "largest allowed error of a range, in metres: the sum of all codings since the input; null if one has no bound"]
-    error_m: Annotated[float | None, "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if one is not known"]
+    bound_m: Annotated[
+        float | None,
+        "largest allowed error of a range, in metres: the sum of all codings since the input; null if one has no bound",
+    ]
+    error_m: Annotated[
+        float | None,
+        "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if one is not known",
+    ]
 
 
 class ArchiveRun(TypedDict):
