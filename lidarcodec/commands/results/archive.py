@@ -40,7 +40,8 @@ class ArchiveStats(TypedDict):
     ]
     error_m: Annotated[
         float | None,
-        "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if one is not known",
+        "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if "
+        "one is not known",
     ]
 
 
@@ -55,8 +56,8 @@ class ArchiveRun(TypedDict):
     ]
     unfinished: Annotated[
         int,
-        "of these: those that are there only in part; of map: squares that changed while they were listed, and 1 if there "
-        "are too many",
+        "of these: those that are there only in part; of map: squares that changed while they were listed, and 1 if "
+        "there are too many",
     ]
     changed: Annotated[int, "of compress: inputs that changed since they were archived, and were archived anew"]
     earlier_aside: Annotated[
@@ -70,8 +71,8 @@ class ArchiveRun(TypedDict):
     bytes_before: Annotated[int, "of recompress: bytes of the recordings that were replaced, or would be"]
     unchanged: Annotated[
         int,
-        "of recompress: segments that had the settings already; of verify: segments without their input that were found "
-        "whole before",
+        "of recompress: segments that had the settings already; of verify: segments without their input that were "
+        "found whole before",
     ]
     compared: Annotated[int, "of verify: segments that were compared with their input; it must be there as it was"]
     points: Annotated[int, "of map: points of the maps that were written"]
