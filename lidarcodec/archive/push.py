@@ -121,7 +121,7 @@ def _uploaded(
         digest.update(chunk)
         size += len(chunk)
     told = {"sha256": digest.hexdigest(), "bytes": size}
-    names = _names(wanted, told["sha256"])
+    names = _names(wanted, digest.hexdigest())
     noted = (one for one in names if _told(store, one) == told)
     name = next(noted, None) or next((one for one in names if _reserved(store, one, told)), None)
     if name is None:

@@ -188,7 +188,7 @@ def _chosen(wanted: Wanted, settings: StreamSettings) -> Choice:
 
         return by_policy
     if wanted.job == "reduce":
-        more |= {"settings": settings.model_dump(mode="json", include=REDUCING), "adds": True}
+        more |= {"settings": settings.model_dump(mode="json", include=set(REDUCING)), "adds": True}
     else:
         more |= {"settings": settings.model_dump(mode="json")}
     before_ns = None if wanted.before is None else time_ns(wanted.before)

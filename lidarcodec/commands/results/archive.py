@@ -40,8 +40,8 @@ class ArchiveStats(TypedDict):
     ]
     error_m: Annotated[
         float | None,
-        "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null if "
-        "one is not known",
+        "largest measured error of a range, in metres: after several codings their sum, which it cannot exceed; null "
+        "if one is not known",
     ]
 
 
