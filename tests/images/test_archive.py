@@ -69,7 +69,7 @@ def test_a_service_can_do_little_and_is_of_one_version(name):
     assert "no-new-privileges:true" in service["security_opt"]
     assert {"cpus", "memory", "pids"} <= set(service["deploy"]["resources"]["limits"])
     assert service["image"] == OURS or PINNED.fullmatch(service["image"])
-    assert service["env_file"] == ([] if name == "volume" else ["./secrets/archive.env"])
+    assert service["env_file"] == ([] if name in ("volume", "scheduler") else ["./secrets/archive.env"])
     assert ("cap_add" in service) == (name == "volume")
     assert not [key for key in service["environment"] if re.search("SECRET|PASSWORD|ACCESS_KEY", key)]
     assert set(service.get("depends_on", {})) <= set(SERVICES)
