@@ -13,7 +13,10 @@ from lidarcodec.commands.localise import run as command
 from lidarcodec.commands.localise.messages import pose_json, read_odometry, tum_line
 from lidarcodec.evaluation.rigid import exp_so3
 from lidarcodec.interop.poses import quaternion_of
+from lidarcodec.maps.file import MapReader
 from lidarcodec.maps.localise.tracker import Estimate
+from lidarcodec.maps.served.answers import MapAnswers
+from lidarcodec.maps.served.shelf import MapShelf
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.poses import read_poses
@@ -78,8 +81,9 @@ def test_scans_are_looked_for_in_a_map_whole_and_thinned(street):
         assert named in the_one_line(ran)
 
 
-def test_a_live_stream_is_found_and_its_poses_are_on_a_key(street, start, capsys):
-    """The vehicle says about where it is, so that no search is needed."""
+@pytest.mark.parametrize("where", ["file", "network"])
+def test_a_live_stream_is_found_and_its_poses_are_on_a_key(where, street, start, capsys):
+    """The vehicle says about where it is, so that no search is needed. It also serves the map."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     seen, done = [], threading.Event()
     x, y, yaw = map(float, start.split(","))
@@ -96,16 +100,19 @@ def test_a_live_stream_is_found_and_its_poses_are_on_a_key(street, start, capsys
                 StreamSettings(codec="zstd", reduction="columns:8"),
                 live=False,
             )
+            answering = MapAnswers(MapShelf([street])).declare(office)
             with Vehicle("car", [plan], Endpoints.of(connect=endpoint)) as vehicle:
                 while not done.wait(0.05):
                     told = {"stamp_ns": time.time_ns(), "T_world_sensor": hint[:3].ravel().tolist()}
                     odometry.put(json.dumps(told).encode())
                     odometry.put(b"no odometry")
                 vehicle.interrupt()
+            answering.close()
 
     driving = threading.Thread(target=drive)
     driving.start()
-    asked = command.Asked("car/roof", street, None, None, 8, 0, force=False)
+    town = street if where == "file" else command.town_of("street")
+    asked = command.Asked("car/roof", town, None, None, 8, 0, force=False)
     try:
         command.live(asked, "car/roof", "desk", False, ([], [endpoint], None), True)
     finally:
@@ -113,9 +120,12 @@ def test_a_live_stream_is_found_and_its_poses_are_on_a_key(street, start, capsys
         driving.join()
     found = json.loads(capsys.readouterr().out)
     check("localise", found)
+    key, last = seen[-1]
     assert (found["scans"], found["state"], found["lost"]) == (8, "tracking", 0)
     assert found["received"]["frames"] >= 8
-    key, last = seen[-1]
+    with MapReader.open(street) as reader:
+        assert found["tiles_received"] == (None if where == "file" else len(reader.places))
+    assert last["map"] == "street"
     assert key == "lidarcodec/v1/car/roof/pose/desk"
     assert {one["state"] for _, one in seen} == {"searching", "tracking"}
     assert len(last["T_world_sensor"]) == 12
@@ -127,6 +137,7 @@ def test_a_live_stream_is_found_and_its_poses_are_on_a_key(street, start, capsys
     ("words", "named", "code"),
     [
         (["car/roof", "--map", "absent.lcmap"], "absent.lcmap", 1),
+        ([SOURCE, "--map", "absent"], "map fetch absent", 2),
         ([SOURCE, "--map", "STREET", "--start", "1,2"], "X,Y,YAW", 2),
         ([SOURCE, "--map", "STREET", "--start", "9000,2,0"], "no points within", 2),
         ([SOURCE, "--map", "STREET", "-o", "poses.csv"], ".txt", 2),

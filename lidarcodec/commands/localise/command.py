@@ -36,7 +36,13 @@ def localise(
         ),
     ],
     town: Annotated[
-        Path, Option("--map", metavar="MAP.lcmap", show_default=False, help="A map of `map build` or `map compress`.")
+        str,
+        Option(
+            "--map",
+            metavar="MAP.lcmap|NAME",
+            show_default=False,
+            help="A map of `map build` or `map compress`, or for a live stream the name of one that is served.",
+        ),
     ],
     start: Annotated[
         str | None,
@@ -71,7 +77,7 @@ def localise(
     stops it and prints a summary."""
     from lidarcodec.commands.localise import run
 
-    asked = run.Asked(stream, town, start, out, frames, skip, force)
+    asked = run.Asked(stream, run.town_of(town), start, out, frames, skip, force)
     key = run.key_of(stream)
     if key is None:
         run.check_source(until_end, receiver, (connect, listen, zenoh_config))

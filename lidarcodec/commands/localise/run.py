@@ -6,7 +6,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -17,6 +17,7 @@ from lidarcodec.commands.convert.frames import frames_of_source
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.localise.messages import TUM, pose_json, read_odometry, tum_line
 from lidarcodec.commands.localise.progress import Progress
+from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite, check_not_input
@@ -28,16 +29,22 @@ from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.maps.localise.localiser import Localiser
+from lidarcodec.maps.localise.served import served_tiles, served_windows
 from lidarcodec.maps.localise.tracker import Estimate
+from lidarcodec.maps.localise.window import Windows
+from lidarcodec.maps.served.shelf import ENDING
+from lidarcodec.maps.served.sources import NetworkTiles, StoppedFetchError
 from lidarcodec.settings import is_name
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES
-from lidarcodec.transport import open_transport
+from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Priority, Sender
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 
 ENDINGS: Final = (".pcap", ".pcapng", ".mcap", ".xz", ".zst", ".bin", ".bag", ".db3")
 """Endings of files: a name that ends so is no stream."""
+PATIENCE_S: Final = 60.0
+"""How long somebody is waited for who serves the map."""
 FRESH_NS: Final = 500_000_000
 """Odometry is used for a scan that is at most this much older or younger."""
 REMEMBERED: Final = 500
@@ -49,7 +56,7 @@ class Asked:
     """The options of `localise` for all kinds of streams."""
 
     stream: str
-    town: Path
+    town: Path | str
     start: str | None
     out: Path | None
     frames: int | None
@@ -75,7 +82,18 @@ class Asked:
             if self.out.suffix.lower() != ".txt":
                 raise SettingsError(f"the name of a file of poses must end in .txt, not {self.out.name}", "out")
             check_free(self.out, force=self.force)
-            check_not_input(self.out, self.town)
+            if isinstance(self.town, Path):
+                check_not_input(self.out, self.town)
+
+    @property
+    def map_name(self) -> str:
+        """Name of the map: of its file, without the ending, or on the network."""
+        return self.town.stem if isinstance(self.town, Path) else self.town
+
+
+def town_of(text: str) -> Path | str:
+    """The file of a map, or the name of one on the network: a name is one without ending, where no file is."""
+    return text if is_name(text) and Path(text).suffix.lower() != ENDING and not Path(text).exists() else Path(text)
 
 
 def key_of(stream: str) -> str | None:
@@ -108,6 +126,12 @@ def check_live(calibration: Path | None, model: str | None, skip: int) -> None:
 def of_source(asked: Asked, spec: str, calibration: Path | None, as_json: bool) -> None:
     """Track the frames of a file, a socket or a simulated drive."""
     asked.check()
+    if isinstance(asked.town, str):
+        raise SettingsError(
+            f"'{asked.town}' is no file, and a map on the network is for a live stream: `lidarcodec map fetch "
+            f"{asked.town}` makes a file of it",
+            "map",
+        )
     check_finite(spec, asked.frames, live_too=False)
     if asked.out is not None:
         check_not_input(asked.out, spec)
@@ -136,17 +160,22 @@ def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: G
     asked.check()
     endpoints, keys, stop = endpoints_of(given), StreamKeys.parse(key), threading.Event()
     summary: dict[str, Any] | None = None
-    with _localiser(asked, background=True) as localiser, _poses(asked) as poses, stoppable(stop.set) as stopped:
+    with (
+        stoppable(stop.set) as stopped,
+        _served(asked, endpoints, stop) as served,
+        _localiser(asked, served, background=True) as localiser,
+        _poses(asked) as poses,
+    ):
         progress = Progress(f"{keys.vehicle}/{keys.sensor}", localiser)
         try:
-            with open_transport(endpoints, stop=stop) as transport:
+            with nullcontext(served.transport) if served else open_transport(endpoints, stop=stop) as transport:
                 stream = LiveStream(
                     key, endpoints=endpoints, transport=transport, receiver=receiver, until_end=until_end
                 )
                 sender = transport.sender(keys.pose(stream.receiver), Priority.STATUS)
                 odometry = _Odometry()
                 transport.listen(keys.odometry, odometry.came)
-                sent = _Sent(sender, asked.town.stem, localiser.frame)
+                sent = _Sent(sender, asked.map_name, localiser.frame)
                 with stream, _interrupting(stream, stop):
                     for frame in islice(awaited(stream, progress.stream), asked.frames):
                         hint = odometry.near(frame.stamp_ns)
@@ -158,7 +187,7 @@ def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: G
         except TransportError:
             if not stopped():
                 raise
-    _tell(progress, poses, asked, summary, as_json)
+    _tell(progress, poses, asked, summary, as_json, served)
 
 
 def _take(frame: Frame, localiser: Localiser, progress: Progress, write: Callable[[Estimate], None]) -> list[Estimate]:
@@ -170,9 +199,35 @@ def _take(frame: Frame, localiser: Localiser, progress: Progress, write: Callabl
     return estimates
 
 
+@dataclass(frozen=True)
+class _Served:
+    """A map on the network: the session, windows of the map, and where their tiles come from."""
+
+    transport: Transport
+    windows: Windows
+    source: NetworkTiles
+
+
 @contextmanager
-def _localiser(asked: Asked, *, background: bool) -> Iterator[Localiser]:
-    with Localiser(asked.town, background=background) as localiser:
+def _served(asked: Asked, endpoints: Endpoints, stop: threading.Event) -> Iterator[_Served | None]:
+    """The map of `--map NAME`; None for a file. Raises TransportError, SourceError, StoppedError after a signal."""
+    if isinstance(asked.town, Path):
+        yield None
+        return
+    with open_transport(endpoints, stop=stop) as transport:
+        source, place = served_tiles(asked.town, transport, PATIENCE_S), asked.place()
+        try:
+            attended(source.manifest, source.stop, stop, lambda: f"waits {source.waiting}")
+            windows = served_windows(source, place and place[:2], stop)
+        except StoppedFetchError:
+            raise StoppedError("stopped before the map was there") from None
+        yield _Served(transport, windows, source)
+
+
+@contextmanager
+def _localiser(asked: Asked, served: _Served | None = None, *, background: bool) -> Iterator[Localiser]:
+    where = Path(asked.town) if served is None else served.windows
+    with Localiser(where, background=background) as localiser:
         place = asked.place()
         if place is not None:
             localiser.start(*place)
@@ -254,8 +309,21 @@ def _poses(asked: Asked) -> Iterator[_Poses]:
         yield _Poses(output, file)
 
 
-def _tell(progress: Progress, poses: _Poses, asked: Asked, received: dict[str, Any] | None, as_json: bool) -> None:
+def _tell(
+    progress: Progress,
+    poses: _Poses,
+    asked: Asked,
+    received: dict[str, Any] | None,
+    as_json: bool,
+    served: _Served | None = None,
+) -> None:
     progress.end()
     kept = None if poses.output is None else str(poses.output.kept or asked.out)
     found = {**progress.summary(), "map": str(asked.town), "output": kept, "received": received}
-    tell(found, progress.line(), as_json)
+    found["tiles_received"] = found["tile_bytes_received"] = None
+    text = progress.line()
+    if served is not None:
+        tiles, size = served.source.tiles, served.source.received
+        found |= {"tiles_received": tiles, "tile_bytes_received": size}
+        text += f", {tiles} tiles of the map in {size:,} bytes received"
+    tell(found, text, as_json)

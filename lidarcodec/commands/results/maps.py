@@ -86,7 +86,9 @@ class Located(TypedDict):
     """Of `localise`."""
 
     stream: Annotated[str, "VEHICLE/SENSOR, or the source"]
-    map: Annotated[str, "the file of the map"]
+    map: Annotated[str, "the file of the map, or its name on the network"]
+    tiles_received: Annotated[int | None, "tiles of the map that came over the network; null for a file"]
+    tile_bytes_received: Annotated[int | None, "bytes of them, of their parts and of the path that came"]
     scans: Annotated[int, "scans taken"]
     tracked: Annotated[int, "scans whose pose was found"]
     state: Annotated[str, "`searching`, `tracking` or `lost`, at the end"]

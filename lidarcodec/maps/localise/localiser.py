@@ -6,6 +6,7 @@ runs in a thread: scans that come meanwhile wait, and are tracked one after the 
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import deque
 from pathlib import Path
@@ -17,8 +18,10 @@ from lidarcodec.evaluation.trajectory import Scan
 from lidarcodec.maps.file import MapReader
 from lidarcodec.maps.localise.search import find_pose, standing_at
 from lidarcodec.maps.localise.tracker import Estimate, Tracker, turned_by
-from lidarcodec.maps.localise.window import MapWindow
+from lidarcodec.maps.localise.window import MapWindow, MissingTilesError, Window, Windows
 from lidarcodec.maps.world import Fit
+
+logger = logging.getLogger(__name__)
 
 MOST_WAITING: Final = 300
 """Scans that wait for a search. When more come, it is given up, because the sensor is elsewhere by then."""
@@ -36,17 +39,13 @@ class Localiser:
     hints: how many proposed poses were tried;  wrong_hints: how many of them did not fit
     """
 
-    def __init__(self, path: Path, *, background: bool = False) -> None:
-        """background: whether searches run in a thread
+    def __init__(self, where: Path | Windows, *, background: bool = False) -> None:
+        """where: the file of a map, or windows, which are closed at the end
+        background: whether searches run in a thread
 
         Raises SourceError if the map cannot be read.
         """
-        self._window = MapWindow(MapReader.open(path))
-        try:
-            self._searched = MapWindow(MapReader.open(path))  # a search reads the file beside the tracker
-        except BaseException:
-            self._window.reader.close()
-            raise
+        self._window, self._searched = _of_file(where) if isinstance(where, Path) else where
         self.tracker = Tracker(self._window)
         self._background = background
         self._search: _Search | None = None
@@ -63,17 +62,17 @@ class Localiser:
     ) -> None:
         self._stop_search()
         for window in (self._window, self._searched):
-            window.reader.close()
+            window.close()
 
     @property
     def frame(self) -> str:
         """Frame of the map: `local`, or the zone of UTM."""
-        return self._window.reader.head.frame.name
+        return self._window.frame.name
 
     @property
     def damaged_tiles(self) -> int:
         """Tiles that could not be decoded."""
-        return len(self._window.damaged | self._searched.damaged)
+        return len(self._window.damaged_tiles | self._searched.damaged_tiles)
 
     def start(self, x: float, y: float, yaw_deg: float) -> None:
         """Begin near this place, in metres and degrees of the map, to 5 m and 20 degrees.
@@ -166,6 +165,15 @@ class Localiser:
         self._waiting.clear()
 
 
+def _of_file(path: Path) -> Windows:
+    first = MapWindow(MapReader.open(path))
+    try:
+        return Windows(first, MapWindow(MapReader.open(path)))
+    except BaseException:
+        first.close()
+        raise
+
+
 class _Rest:
     """A time between tries that failed, doubled each time, in the time of the scans."""
 
@@ -190,7 +198,7 @@ class _Rest:
 class _Search:
     """A search for the place of a scan, in this thread or in one of its own."""
 
-    def __init__(self, window: MapWindow, scan: Scan, cloud: Matrix) -> None:
+    def __init__(self, window: Window, scan: Scan, cloud: Matrix) -> None:
         self.scan = scan
         self._window, self._cloud = window, cloud
         self._fit: Fit | None = None
@@ -206,6 +214,8 @@ class _Search:
         """Search here."""
         try:
             self._fit = find_pose(self._window, self._cloud, self._stop.is_set)
+        except MissingTilesError as error:
+            logger.debug("%s", error)
         except Exception as error:
             self._error = error
 

@@ -19,7 +19,7 @@ from lidarcodec.evaluation.localisation.icp import Stage
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.maps.file import TILE_M
 from lidarcodec.maps.localise.tracker import FOUND, WIDE, is_good, lying, turned_by
-from lidarcodec.maps.localise.window import KEPT_M, MapWindow
+from lidarcodec.maps.localise.window import KEPT_M, Window
 from lidarcodec.maps.world import FEWEST, NEAR, Fit
 
 CELL_M: Final = 2.0
@@ -60,7 +60,7 @@ class Candidate(NamedTuple):
 
 
 def find_pose(
-    window: MapWindow, cloud: Matrix, stop: Callable[[], bool] = lambda: False, tick: Callable[[], None] = lambda: None
+    window: Window, cloud: Matrix, stop: Callable[[], bool] = lambda: False, tick: Callable[[], None] = lambda: None
 ) -> Fit | None:
     """The scan of a cloud (N, 3) registered in the map; None if it is found nowhere, or in several poses.
 
@@ -115,7 +115,7 @@ def _turn(one: float, other: float) -> float:
     return abs((one - other + np.pi) % (2 * np.pi) - np.pi)
 
 
-def standing_at(window: MapWindow, x: float, y: float) -> Matrix:
+def standing_at(window: Window, x: float, y: float) -> Matrix:
     """(4, 4) a level pose at a place of the map, as high above the ground as sensors of cars are.
 
     Raises SettingsError if the map has no points there.
@@ -133,7 +133,7 @@ def standing_at(window: MapWindow, x: float, y: float) -> Matrix:
     return pose
 
 
-def _clear(window: MapWindow, cloud: Matrix, fits: list[Fit]) -> Fit | None:
+def _clear(window: Window, cloud: Matrix, fits: list[Fit]) -> Fit | None:
     """The best fit with all of the cloud, if it is good and no other pose is nearly as good."""
     if not fits or (len(fits) > 1 and lying(fits[1]) > CLEARLY * lying(fits[0])):
         return None
@@ -174,11 +174,11 @@ def _above_ground(points: Matrix) -> npt.NDArray[np.bool_]:
     return above
 
 
-def _blocks(window: MapWindow) -> Iterator[tuple[int, int]]:
-    yield from sorted({(place.x // BLOCK, place.y // BLOCK) for place in window.reader.places})
+def _blocks(window: Window) -> Iterator[tuple[int, int]]:
+    yield from sorted({(x // BLOCK, y // BLOCK) for x, y in window.places})
 
 
-def _in_block(window: MapWindow, block: tuple[int, int], cells: Matrix) -> list[Candidate]:
+def _in_block(window: Window, block: tuple[int, int], cells: Matrix) -> list[Candidate]:
     """The best places in a block of tiles."""
     inner = np.array(block) * BLOCK * TILE_M
     low, high = inner - REACH_M, inner + BLOCK * TILE_M + REACH_M

@@ -19,7 +19,7 @@ import numpy as np
 from lidarcodec.evaluation.localisation.icp import COARSE
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3
 from lidarcodec.evaluation.trajectory import Scan, deskewed, near, voxel_means
-from lidarcodec.maps.localise.window import MapWindow
+from lidarcodec.maps.localise.window import Window
 from lidarcodec.maps.world import NEAR, Fit, Prior, inverse
 
 State = Literal["searching", "tracking", "lost"]
@@ -101,7 +101,7 @@ class _Known:
 class Tracker:
     """Tracks one sensor in a map. lost_times: how often the position was lost"""
 
-    def __init__(self, window: MapWindow) -> None:
+    def __init__(self, window: Window) -> None:
         self._window = window
         self._state: State = "searching"
         self._known: _Known | None = None

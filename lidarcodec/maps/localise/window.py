@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.evaluation.trajectory import FARTHEST_M
 from lidarcodec.maps.file import TILE_M, MapReader, Place
-from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.points import MapFrame, MapPoints
 from lidarcodec.maps.tiles import Tile
 from lidarcodec.maps.world import FEWEST, MapWorld
 
@@ -24,6 +24,45 @@ MOST_POINTS: Final = 4_000_000
 """A whole map has about 200,000 points in a window."""
 
 
+class MissingTilesError(SourceError):
+    """Tiles of a map that is served have not come yet."""
+
+
+class Window(Protocol):
+    """The part of a map around a place, from a file or from the network."""
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """All tiles of the map, in widths of a tile."""
+
+    @property
+    def frame(self) -> MapFrame:
+        """The frame of the map."""
+
+    @property
+    def damaged_tiles(self) -> frozenset[tuple[int, int]]:
+        """Tiles that cannot be decoded."""
+
+    def around(self, place: Matrix) -> MapWorld | None:
+        """The map around a place (3,) in metres; None if it has fewer than 50 points there. Raises SourceError."""
+
+    def points(self, low: Matrix, high: Matrix) -> MapPoints:
+        """The points of all tiles that meet the square from `low` (2,) to `high` (2,) in metres, with normals.
+
+        Raises MissingTilesError, SourceError.
+        """
+
+    def close(self) -> None:
+        """Give back what is held."""
+
+
+class Windows(NamedTuple):
+    """Two windows of one map: a search goes through it beside the tracker."""
+
+    tracked: Window
+    searched: Window
+
+
 class MapWindow:
     """The tiles within 100 m of the last place. damaged: tiles that could not be decoded, each said once in the log"""
 
@@ -32,6 +71,25 @@ class MapWindow:
         self.damaged: set[Place] = set()
         self._tiles: dict[Place, Tile] = {}
         self._made: tuple[Matrix, MapWorld | None] | None = None
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """As of Window."""
+        return [(place.x, place.y) for place in self.reader.places]
+
+    @property
+    def frame(self) -> MapFrame:
+        """As of Window."""
+        return self.reader.head.frame
+
+    @property
+    def damaged_tiles(self) -> frozenset[tuple[int, int]]:
+        """As of Window."""
+        return frozenset((place.x, place.y) for place in self.damaged)
+
+    def close(self) -> None:
+        """Close the file."""
+        self.reader.close()
 
     def around(self, place: Matrix) -> MapWorld | None:
         """The map around a place (3,) in metres; None if it has fewer than 50 points there.

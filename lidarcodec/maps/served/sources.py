@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -100,6 +101,7 @@ class NetworkTiles:
     transport:  gives the network session, or raises TransportError while there is none
     store:      keeps pieces, and parts of them
     patience_s: longest time without any answer
+    tiles:      that came over the network
     """
 
     def __init__(self, name: str, transport: Callable[[], Transport], store: Pieces, patience_s: float) -> None:
@@ -108,8 +110,9 @@ class NetworkTiles:
         self._transport, self._store, self.patience_s = transport, store, patience_s
         self._parts, self._stop = PartSize(), threading.Event()
         self._lock = threading.Lock()
+        self._turns, self._reading = threading.Condition(), set[str]()
         self._answered_s = time.monotonic()
-        self.received = 0
+        self.received = self.tiles = 0
         self.waiting: str | None = None
 
     def manifest(self, have: Manifest | None = None) -> Manifest:
@@ -126,6 +129,26 @@ class NetworkTiles:
 
     def read(self, piece: Piece, patience_s: float | None = None) -> bytes:
         """As of TileSource. Parts that are here are not fetched again."""
+        with self._turn(piece.hash):
+            return self._read(piece, patience_s)
+
+    @contextmanager
+    def _turn(self, name: str) -> Iterator[None]:
+        """A piece is fetched by one thread at a time; others then find it in the store."""
+        with self._turns:
+            while name in self._reading:
+                if self._stop.is_set():
+                    raise StoppedFetchError("the fetch was stopped")
+                self._turns.wait(0.2)
+            self._reading.add(name)
+        try:
+            yield
+        finally:
+            with self._turns:
+                self._reading.discard(name)
+                self._turns.notify_all()
+
+    def _read(self, piece: Piece, patience_s: float | None) -> bytes:
         for _ in range(MAX_WRONG):
             if not self._store.has(piece.hash, piece.size):
                 offset = min(self._store.got(piece.hash), piece.size)
@@ -136,6 +159,8 @@ class NetworkTiles:
                 if not self._store.finish(piece.hash):
                     logger.warning("tile %s of map '%s' came with wrong bytes", piece.tail, self.name)
                     continue
+                with self._lock:
+                    self.tiles += piece.place is not None
             data = self._store.read(piece.hash)
             if len(data) == piece.size:
                 return data

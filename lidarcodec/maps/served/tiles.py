@@ -43,6 +43,7 @@ class _Failure(NamedTuple):
 
     again_s: float
     why: str
+    damaged: bool
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,16 @@ class MapTiles:
     def places(self) -> list[Place]:
         """All tiles of the map, in widths of a tile."""
         return list(self._manifest.by_place)
+
+    @property
+    def damaged(self) -> set[Place]:
+        """Tiles around the position that cannot be decoded. They are tried again."""
+        with self._condition:
+            return {
+                tile.place
+                for tile in self._missing()
+                if tile.place is not None and tile.hash in self._failed and self._failed[tile.hash].damaged
+            }
 
     def move(self, x_m: float, y_m: float) -> None:
         """Hold the tiles around this position in the map, in metres. Returns at once.
@@ -308,7 +319,7 @@ class MapTiles:
         why = str(error) if isinstance(error, LidarCodecError) else f"{type(error).__name__}: {error}"
         if all(why != one.why for one in self._failed.values()):
             logger.warning("%s", why)
-        self._failed[tile.hash] = _Failure(again_s, why)
+        self._failed[tile.hash] = _Failure(again_s, why, isinstance(error, DecodeError))
 
     def _room_for(self, points: int) -> bool:
         """Whether so many points more may be held."""
