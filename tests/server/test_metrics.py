@@ -171,6 +171,8 @@ RATE = {
         ({}, StreamSettings(base_error_m=0.05), "pcodec",
          {"bound_meters": 0.05, "kept_ratio": 1, "intensity_levels": 256}),
         ({}, StreamSettings(), "pcodec", {"bound_meters": 0, "kept_ratio": 1, "intensity_levels": 256}),
+        ({}, StreamSettings(codec="pcodec", base_error_m=0.05), "pcodec",
+         {"bound_meters": 0.05, "kept_ratio": 1, "intensity_levels": 256}),
         ({}, StreamSettings(codec="jpeg"), "jpeg", {"kept_ratio": 1, "intensity_levels": 256}),
         ({"reduction": {"name": "voxel", "returns": 100_000, "kept": 9000}}, StreamSettings(), "zstd",
          {"kept_ratio": 0.09}),
