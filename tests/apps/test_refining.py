@@ -37,7 +37,7 @@ def logger_of(caplog=None):
 
 def test_packets_are_exact_when_all_sectors_came_and_are_recorded_so(network, tmp_path):
     with live(network, newest=False, until_end=True, refine=True, record=tmp_path, max_age_s=None) as stream:
-        with publisher(network, 3, LAYERS, rate=1.0) as car:
+        with publisher(network, 3, LAYERS, rate=0.5) as car:
             got = [packet.payload for frame in stream for packet in packets_of(frame)]
             told = car.status()["refinements"]
         summary = stream.summary()
@@ -54,7 +54,7 @@ def test_packets_are_exact_when_all_sectors_came_and_are_recorded_so(network, tm
 
 def test_who_does_not_ask_gets_the_base_and_nothing_is_coded_for_nobody(network):
     with live(network, newest=False, until_end=True) as stream:
-        with publisher(network, 3, LAYERS, rate=10.0) as car:
+        with publisher(network, 3, LAYERS, rate=3.0) as car:
             got = [packet.payload for frame in stream for packet in packets_of(frame)]
             told = car.status()["refinements"]
         assert stream.summary()["refinements"] is None
@@ -83,6 +83,20 @@ def test_a_link_rests_before_the_next_message_is_due(network):
         refining.next_frame()
     refining.close()
     assert 1 <= came.count(2) <= 5  # 0.3 s, less 0.12 s for the next message, in sectors of 0.04 s; without a rest 7
+
+
+def test_sectors_that_nobody_reports_are_sent_seldom(network):
+    car, other = network.end(), network.end()
+    refining = Refining(KEYS, lambda: car, Flight(), logger_of())
+    came: list[bytes] = []
+    other.listen(KEYS.refine(), lambda key, data: came.append(data))
+    given = sent().refinable
+    for _ in range(8):
+        refining.offer(given, 1)
+        time.sleep(0.05)
+        refining.next_frame()
+    assert 1 <= len(came) <= 2  # one as nothing is known, and then it has taken a frame's time
+    refining.close()
 
 
 def test_an_error_of_the_transport_ends_one_frame_only(network):
@@ -142,10 +156,11 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     refining.next_frame()
     assert eventually(lambda: refining.state()["given_up"] == 10)
     assert [unpack(data).sector for data in came] == [0, 11]
+    reports.put(pack_refined(Refined(0, checksum_of(came[1]), unpack(came[1]).sector)))
     time.sleep(0.4)  # a sector took 0.1 s: there is room for one
     refining.offer(second.refinable, 1)
     assert eventually(lambda: len(came) == 3)
-    assert refining.state()["arrived"] == 1
+    assert refining.state()["arrived"] == 2
     refining.close()
     refining.close()
 

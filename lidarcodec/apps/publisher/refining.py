@@ -61,6 +61,7 @@ class Refining:
         self._frame: RefinableFrame | None = None
         self._turn = 0  # counts frames: what was begun for an earlier one is given up
         self._under_way: dict[tuple[int, int], _Put] = {}
+        self._late: dict[tuple[int, int], _Put] = {}  # of the frame before, not reported in time
         self._took_s: float | None = None  # from put to report, of a sector alone on its way
         self._s_per_byte: float | None = None  # of the same sectors, without the round trip
         self._rtt_s: float | None = None  # the shortest one: those beside messages are longer
@@ -163,7 +164,7 @@ class Refining:
         self._tried = False
         self._count("frames")
         with self._condition:
-            self._under_way.clear()  # reports that did not come with the last frame are not waited for
+            self._wait_no_longer()
         while left and self._has_room(turn):
             try:
                 data = frame.code(left[0])
@@ -181,6 +182,21 @@ class Refining:
         self._count("whole", not left)
         with self._condition:
             self._tries(sent=len(left) < len(frame.sectors))
+
+    def _wait_no_longer(self) -> None:
+        """Do not wait for reports that did not come with the last frame; those sectors took at least until now."""
+        now_s = time.monotonic()
+        for one in self._under_way.values():
+            if one.alone and now_s - one.at_s > (self._took_s or 0.0):
+                self._learn(one, now_s - one.at_s)
+        self._late = self._under_way
+        self._under_way = {}
+
+    def _learn(self, one: _Put, took_s: float) -> None:
+        rtt_s = self._flight.rtt_s or 0.0
+        self._rtt_s = rtt_s if self._rtt_s is None else min(rtt_s, _RISE * self._rtt_s)
+        self._took_s = smoothed(self._took_s, took_s)
+        self._s_per_byte = smoothed(self._s_per_byte, max(0.0, took_s - self._rtt_s) / one.size)
 
     def _tries(self, *, sent: bool) -> None:
         """After a frame: perhaps try a sector with the next one, although the last ones took too long."""
@@ -201,7 +217,12 @@ class Refining:
             self._under_way[name] = _Put(checksum_of(data), time.monotonic(), len(data), not self._under_way)
             self._counts["sent"] += 1
             self._counts["bytes"] += len(data)
-        sender.put(data)
+        try:
+            sender.put(data)
+        except TransportError:
+            with self._condition:
+                self._under_way.pop(name, None)
+            raise
         return True
 
     def _has_room(self, turn: int) -> bool:
@@ -242,20 +263,22 @@ class Refining:
             return
         following = self._flight.following
         with self._condition:
-            found = self._under_way.get((report.frame_index, report.sector))
+            name_of = (report.frame_index, report.sector)
+            waited, late = self._under_way.get(name_of), self._late.get(name_of)
+            found = waited or late
             if found is None or found.checksum != report.checksum:
                 return
             if name == following:
                 self._followed = name
             elif following is not None and following == self._followed:
                 return
-            del self._under_way[report.frame_index, report.sector]
             self._counts["arrived"] += 1
+            if waited is None:
+                del self._late[name_of]
+                return
+            del self._under_way[name_of]
             if found.alone:
-                took_s, rtt_s = time.monotonic() - found.at_s, self._flight.rtt_s or 0.0
-                self._rtt_s = rtt_s if self._rtt_s is None else min(rtt_s, _RISE * self._rtt_s)
-                per_byte = max(0.0, took_s - self._rtt_s) / found.size
-                self._took_s, self._s_per_byte = smoothed(self._took_s, took_s), smoothed(self._s_per_byte, per_byte)
+                self._learn(found, time.monotonic() - found.at_s)
             self._condition.notify_all()
 
 
