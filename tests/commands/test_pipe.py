@@ -88,11 +88,19 @@ def test_a_recording_keeps_the_names_of_its_source(tmp_path, recording, query, c
     assert (metadata["vehicle"], metadata["sensor"]) == ("car-7", "roof")
 
 
-def test_points_are_those_of_the_frames(tmp_path, recording):
+def test_frames_that_have_no_points_are_said(tmp_path, capture, caplog):
+    with pytest.raises(SourceError, match="has no frame that can be passed on"):
+        piped(capture, tmp_path / "out", "points", model="packets")
+    assert (tmp_path / "out").read_bytes() == b""
+    assert "no points can be made of packets of unknown sensor" in caplog.text
+
+
+def test_points_are_those_of_the_frames(tmp_path, recording, capfd):
     piped(None, tmp_path / "points", "points", spec=str(recording))
-    data, at = (tmp_path / "points").read_bytes(), 0
+    said, (data, at) = json.loads(capfd.readouterr().err), ((tmp_path / "points").read_bytes(), 0)
     with open_source(recording) as source:
         frames = list(source.frames())
+    assert (said["frames"], said["points"]) == (len(frames), sum(len(frame.cloud()) for frame in frames))
     for frame in frames:
         stamp_ns, count, size = struct.unpack_from("<qII", data, at)
         at += 16

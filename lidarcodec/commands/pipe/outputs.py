@@ -7,6 +7,7 @@ the points: x y z in metres and intensity, float32. All little endian.
 from __future__ import annotations
 
 import contextlib
+import logging
 import struct
 from typing import IO, Final, Protocol
 
@@ -15,8 +16,11 @@ import numpy as np
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import layout_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
+
+log = logging.getLogger(__name__)
 
 _SIZE: Final = struct.Struct("<I")
 _CLOUD: Final = struct.Struct("<qII")
@@ -109,14 +113,25 @@ class Captured:
 
 
 class Clouds:
-    """The points of frames."""
+    """The points of frames. points: written so far"""
 
     def __init__(self, out: Counting) -> None:
-        self._out = out
+        self._out, self.points, self._warned = out, 0, False
 
     def write(self, frame: Frame) -> bool:
+        if not _has_points(frame):
+            if not self._warned:
+                log.warning("no points can be made of packets of %s: their layout is not known", frame.sensor.name)
+            self._warned = True
+            return False
         cloud = frame.cloud()
         points = np.stack([cloud[name].astype("<f4") for name in ("x", "y", "z", "intensity")], axis=1)
         self._out.write(_CLOUD.pack(frame.stamp_ns, len(points), _POINT) + points.tobytes())
         self._out.flush()
+        self.points += len(points)
         return True
+
+
+def _has_points(frame: Frame) -> bool:
+    """Whether points can be made of a frame; it may have none. No packet of another one has a known layout."""
+    return frame.sensor.is_hdl64e or frame.sensor.is_cloud or layout_of(frame) is not None

@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 STANDARD: Final = "-"
 OF_MESSAGES: Final = ("messages", "recording")
-OF_FRAMES: Final[dict[str, Callable[[Counting], FrameOutput]]] = {"pcap": Captured, "points": Clouds}
+OF_FRAMES: Final = ("pcap", "points")
 FORMS: Final = (*OF_MESSAGES, *OF_FRAMES)
 
 Item = TypeVar("Item")
@@ -46,10 +46,14 @@ Stop = Callable[[], bool]
 
 @dataclass
 class _Done:
-    """Counts of what went through. lost: messages or frames that could not be passed on"""
+    """Counts of what went through.
+
+    lost: messages or frames that could not be passed on;  points: None where none are written
+    """
 
     frames: int = 0
     lost: int = 0
+    points: int | None = None
 
 
 @dataclass
@@ -118,7 +122,9 @@ def run(
     try:
         with _opened(spec, frames, calibration, model, standard[0]) as feed:
             if form in OF_FRAMES:
-                _write_frames(feed.frames(settings.framing, done), OF_FRAMES[form](out), done)
+                frame_writer = Captured(out) if form == "pcap" else Clouds(out)
+                _write_frames(feed.frames(settings.framing, done), frame_writer, done)
+                done.points = frame_writer.points if isinstance(frame_writer, Clouds) else None
             else:
                 writer: MessageOutput = Prefixed(out) if form == "messages" else Recorded(out, *feed.names)
                 if recodes or feed.source is not None:
@@ -141,8 +147,11 @@ def run(
     if not done.frames:
         raise SourceError(f"{inputs.NAME if spec == STANDARD else spec} has no frame that can be passed on")
     found = Piped(format=form, frames=done.frames, bytes=out.bytes, lost=done.lost)
+    text = f"{done.frames} frames, {out.bytes:,} bytes of {form}"
+    if done.points is not None:
+        found["points"], text = done.points, f"{done.frames} frames, {done.points:,} points, {out.bytes:,} bytes"
     with contextlib.redirect_stdout(sys.stderr):  # standard output is for the frames
-        tell(found, f"{done.frames} frames, {out.bytes:,} bytes of {form}", as_json)
+        tell(found, text, as_json)
 
 
 def _check(spec: str, form: str, recodes: bool, standard: tuple[int, int]) -> None:

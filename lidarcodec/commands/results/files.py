@@ -34,6 +34,7 @@ class Piped(TypedDict):
     frames: Annotated[int, "number of frames passed on"]
     bytes: Annotated[int, "bytes written to standard output"]
     lost: Annotated[int, "messages or frames that could not be passed on"]
+    points: NotRequired[Annotated[int, "of `--to points`: number of points"]]
 
 
 class Simulated(TypedDict):
