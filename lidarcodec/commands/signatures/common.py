@@ -20,7 +20,7 @@ CalibrationFile = Annotated[
     Option(
         "--calibration",
         metavar="FILE",
-        help="Calibration: db.xml, ROS yaml, Hesai csv. `info` names the default.",
+        help="Calibration: db.xml, ROS yaml, Hesai csv, Ouster json. `info` names the default.",
     ),
 ]
 ModelName = Annotated[
