@@ -39,6 +39,8 @@ def test_a_port_that_another_program_has_is_a_warning():
     (check,) = (one for one in found["checks"] if one["name"].startswith("UDP"))
     assert check["state"] == "warning"
     assert "in use" in check["found"]
+    assert check["found"].endswith("(sensor)")
+    assert "UDP" not in check["found"]  # the line begins with it
 
 
 def test_a_small_buffer_and_a_clock_that_nobody_holds_are_warnings():

@@ -119,7 +119,7 @@ def _settings() -> dict[str, str]:
             origin = codec_
         else:
             origin = "default" if key in StreamSettings.model_fields else f"default of {values['codec']}"
-        lines[key] = f"{value} ({origin})"
+        lines[key] = f"{'null' if value is None else value} ({origin})"
     return lines
 
 

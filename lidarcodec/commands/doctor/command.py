@@ -85,10 +85,12 @@ def _clock(found: str) -> Check:
 
 
 def _port(name: str, state: str) -> Check:
+    port, _, use = name.partition(" (")
+    found = f"{state} ({use}"
     if state == "free":
-        return Check(name=name.split(" (", maxsplit=1)[0], state="good", found=f"free ({name})", remedy="")
+        return Check(name=port, state="good", found=found, remedy="")
     remedy = "another program has it: `ss -tulnp` names the program. It may be another lidarcodec"
-    return Check(name=name.split(" (", maxsplit=1)[0], state="warning", found=f"{state} ({name})", remedy=remedy)
+    return Check(name=port, state="warning", found=found, remedy=remedy)
 
 
 def _settings(found: dict[str, str]) -> Check:
