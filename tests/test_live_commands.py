@@ -1,5 +1,6 @@
 """publish, subscribe and demo as a user runs them: separate processes that come, go and are killed."""
 
+import io
 import json
 import shlex
 import signal
@@ -11,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.commands.publish.command import say_begun
 from lidarcodec.sources import open_source
+from lidarcodec.transport import Endpoints
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 from tests.commands.test_json import check
@@ -253,3 +256,23 @@ def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ende
         found = [packet.payload for packet in source.packets()]
     assert len(found) == 1600, said + complaint
     assert found == [packet.payload for packet in packets] * 2
+
+
+def test_a_terminal_is_told_what_is_published_and_whether_it_leaves_this_machine(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    for stream, endpoints, told in (
+        (
+            Terminal(),
+            Endpoints(),
+            "publishing car-7/roof on this machine only (--connect or --listen sends it elsewhere)",
+        ),
+        (Terminal(), Endpoints(connect=("tcp/127.0.0.1:7447",)), "publishing car-7/roof; Ctrl-C stops\n"),
+        (io.StringIO(), Endpoints(), ""),
+    ):
+        monkeypatch.setattr("sys.stderr", stream)
+        say_begun(["car-7/roof"], endpoints)
+        assert stream.getvalue().startswith(told)
+        assert bool(stream.getvalue()) == bool(told)

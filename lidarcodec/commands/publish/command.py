@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -132,10 +133,18 @@ def run(
             original=original,
         )
         health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
+        say_begun([f"{publisher.keys.vehicle}/{publisher.keys.sensor}"], endpoints)
         with stoppable(publisher.interrupt), health:
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
     tell_of([publisher.status()], as_json)
+
+
+def say_begun(streams: Iterable[str], endpoints: Endpoints) -> None:
+    """Say on a terminal what is published, because nothing else is printed until the end."""
+    if sys.stderr.isatty():
+        reach = " on this machine only (--connect or --listen sends it elsewhere)" if endpoints.local else ""
+        sys.stderr.write(f"publishing {', '.join(streams)}{reach}; Ctrl-C stops\n")
 
 
 def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:

@@ -25,7 +25,7 @@ from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs import table
 from lidarcodec.commands.endpoints import Given, endpoints_of
-from lidarcodec.commands.publish.command import record_limits, tell_of, vehicle_of
+from lidarcodec.commands.publish.command import record_limits, say_begun, tell_of, vehicle_of
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import settings_of
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
@@ -268,6 +268,7 @@ def run(
     name = vehicle_of(vehicle or config.vehicle, endpoints)
     running = Vehicle(name, [sensor.plan(mounts) for sensor in config.sensors], endpoints)
     with running, stoppable(running.interrupt) as stopped, health_file_or_nothing(health_file, running.states):
+        say_begun([f"{name}/{sensor.name}" for sensor in config.sensors], endpoints)
         running.wait()
         failures = {} if stopped() else running.failures()
     try:
