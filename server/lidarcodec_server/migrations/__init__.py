@@ -65,7 +65,7 @@ def _step_by_step(connection: Connection, found: set[str]) -> None:
     known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
     if unknown := found - known:
         raise StoreError(
-            f"the database was written by a newer lidarcodec (schema {', '.join(sorted(unknown))}): use that "
-            "version, or another database"
+            f"the database {connection.engine.url.render_as_string()} was written by a newer lidarcodec (schema "
+            f"{', '.join(sorted(unknown))}): use that version, or name another database with --database-url"
         )
     command.upgrade(config, "head")
