@@ -27,7 +27,7 @@ from lidarcodec.commands.signatures import files, fleet, live, past
 from lidarcodec.commands.train import command as train
 
 app = typer.Typer(
-    help="Compress the packets of a LiDAR (Velodyne, Hesai, Ouster), send or store them, and get the same packets back.",
+    help="Compress packets of a LiDAR (Velodyne, Hesai, Ouster), send or store them, and get the same packets back.",
     invoke_without_command=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
