@@ -347,6 +347,7 @@ def test_a_damaged_plan_is_no_end_of_a_run(inputs, filled, caplog):
     [
         (("--job", "nothing"), "unknown job"),
         (("--workers", "dask"), "--scheduler"),
+        (("--workers", "ray"), "--scheduler"),
         (("--set", "target_kbps=auto"), "only in live streams"),
         (("--job", "verify", "--codec", "zstd"), "--codec and --set are only for --job compress, recompress"),
         (("--job", "verify", "--seconds", "9"), "--seconds is only for --job compress"),

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -70,6 +71,25 @@ def test_a_dask_cluster_writes_the_same_objects(drive, tmp_path):
     plain = run("archive", "run", drive, tmp_path / "plain", "--seconds", "1", "--processes", "1")
     assert plain.returncode == 0, plain.stderr
     assert objects(tmp_path / "dask") == objects(tmp_path / "plain")
+
+
+def test_a_ray_cluster_writes_the_same_objects(drive, tmp_path):
+    pytest.importorskip("ray", reason="needs the extra ray")
+    port = free_port()
+    program = [sys.executable, Path(sys.executable).with_name("ray")]
+    words = ["start", "--head", "--port", str(port), "--num-cpus", "2", "--include-dashboard", "false"]
+    options = {"env": environment() | {"RAY_USAGE_STATS_ENABLED": "0"}, "capture_output": True}
+    subprocess.run([*program, *words, "--node-ip-address", "127.0.0.1"], check=True, **options)
+    try:
+        words = ["archive", "run", drive, tmp_path / "ray", "--seconds", "1", "--json"]
+        done = run(*words, "--workers", "ray", "--scheduler", f"127.0.0.1:{port}")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["frames"] == FRAMES
+    finally:
+        subprocess.run([*program, "stop"], check=True, **options)
+    plain = run("archive", "run", drive, tmp_path / "plain", "--seconds", "1", "--processes", "1")
+    assert plain.returncode == 0, plain.stderr
+    assert objects(tmp_path / "ray") == objects(tmp_path / "plain")
 
 
 def test_no_cluster_is_one_line(drive, tmp_path):

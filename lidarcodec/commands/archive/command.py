@@ -54,7 +54,7 @@ def run(
         Option(
             "--workers",
             metavar="NAME",
-            help="Who works: processes, dask (a cluster), or here (this process). Default: processes.",
+            help="Who works: processes, dask or ray (a cluster), or here (this process). Default: processes.",
         ),
     ] = None,
     processes: Annotated[
@@ -64,7 +64,12 @@ def run(
         ),
     ] = None,
     scheduler: Annotated[
-        str | None, Option("--scheduler", metavar="ADDRESS", help="Scheduler of the Dask cluster: tcp://HOST:PORT.")
+        str | None,
+        Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Of the cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or HOST:PORT (Ray).",
+        ),
     ] = None,
     timeout: Annotated[
         float | None,

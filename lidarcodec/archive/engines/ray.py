@@ -1,0 +1,102 @@
+"""The engine for a Ray cluster that runs already (extra `ray`)."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import time
+from typing import Any, Final
+
+from lidarcodec.archive.tasks import Ended, Task, work
+from lidarcodec.errors import SourceError
+
+_CONNECT_S: Final = 10.0
+_AHEAD: Final = 2
+"""Tasks a processor of the cluster that are handed out, so that no processor waits for the next one."""
+
+
+class RayEngine:
+    """Tasks on a Ray cluster, at its head such as `10.0.0.5:6379` (from a machine of the cluster) or
+    `ray://10.0.0.5:10001` (from any other).
+
+    timeout_s: a task that takes longer is ended
+    """
+
+    def __init__(self, address: str, timeout_s: float) -> None:
+        """Raises SourceError if no cluster answers there, or it has no processors."""
+        import ray
+
+        self._knock(address)
+        self._ray: Any = ray
+        self._address, self._timeout_s = address, timeout_s
+        try:
+            ray.init(address=address, log_to_driver=False, configure_logging=False, logging_level=logging.ERROR)
+            processors = int(ray.cluster_resources().get("CPU", 0))
+        except Exception as error:  # Ray raises ConnectionError, ValueError, RuntimeError and errors of gRPC
+            ray.shutdown()
+            raise SourceError(f"no Ray cluster at {address}: {error}") from None
+        if not processors:
+            ray.shutdown()
+            raise SourceError(f"the Ray cluster at {address} has no processors: start a worker")
+        self.slots = _AHEAD * processors
+        self._work = ray.remote(num_cpus=1, max_retries=0)(work)
+        self._running: dict[Any, tuple[Task, float]] = {}
+
+    @staticmethod
+    def _knock(address: str) -> None:
+        """Raise SourceError if nobody listens there: Ray itself tries for minutes, and fills the terminal."""
+        host, _, port = address.removeprefix("ray://").rpartition(":")
+        if not host or not port.isdecimal() or int(port) > 65535:
+            raise SourceError(f"{address} is not an address of a Ray cluster: give HOST:PORT or ray://HOST:PORT")
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), _CONNECT_S).close()
+        except OSError as error:
+            raise SourceError(f"no Ray cluster at {address}: {error}") from None
+
+    def submit(self, task: Task) -> None:
+        self._running[self._remote(task)] = task, time.monotonic()
+
+    def _remote(self, task: Task) -> Any:
+        try:
+            return self._work.remote(task)
+        except Exception as error:  # of many kinds, as above
+            raise self._gone(error) from None
+
+    def _gone(self, error: Exception) -> OSError:
+        return OSError(
+            f"the Ray cluster at {self._address} is gone ({type(error).__name__}): run the same command again to "
+            "continue"
+        )
+
+    def ended(self, wait_s: float) -> list[Ended]:
+        found: list[Ended] = []
+        if self._running:
+            try:
+                ready, _ = self._ray.wait(list(self._running), num_returns=1, timeout=wait_s)
+                more, _ = self._ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
+            except Exception as error:
+                raise self._gone(error) from None
+            found += [self._end(ref) for ref in dict.fromkeys((*ready, *more))]
+        for ref, (task, begun_s) in list(self._running.items()):
+            if time.monotonic() - begun_s > self._timeout_s:
+                del self._running[ref]
+                self._ray.cancel(ref, force=True)
+                found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
+        return found
+
+    def _end(self, ref: Any) -> Ended:
+        task, _ = self._running.pop(ref)
+        errors = self._ray.exceptions
+        try:
+            ended = self._ray.get(ref)
+        except (errors.RayTaskError, errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError) as error:
+            return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
+        except Exception as error:
+            raise self._gone(error) from None
+        return Ended(task, ended.how, ended.result, ended.why)
+
+    def close(self) -> None:
+        for ref in self._running:
+            self._ray.cancel(ref, force=True)
+        self._running.clear()
+        self._ray.shutdown()
