@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from threading import Timer
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple, TypeVar
 
 from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.stores.base import Store
@@ -18,14 +21,42 @@ TRIES: Final = 3
 Answer = TypeVar("Answer")
 
 
-def query(store: Store, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Names of columns and rows of a query over the table `frames`. Raises SettingsError if it is wrong, OSError."""
+class Bounds(NamedTuple):
+    """What a query may take: seconds, and MB of memory. It gets one thread, and no disk"""
+
+    seconds: float
+    megabytes: int
+
+    def options(self) -> dict[str, str | int]:
+        """As options of DuckDB."""
+        return {"memory_limit": f"{self.megabytes}MB", "temp_directory": "", "threads": 1}
+
+    @contextmanager
+    def timed(self, connection: Any) -> Iterator[None]:
+        """Ends what the connection does when the time is over."""
+        timer = Timer(self.seconds, connection.interrupt)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def query(store: Store, sql: str, bounds: Bounds | None = None) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Names of columns and rows of a query over the table `frames`.
+
+    bounds: by default it may take all memory and any time
+    Raises SettingsError if it is wrong or takes more memory, SourceError for damaged tables, OSError, of these
+    TimeoutError when the time is over.
+    """
 
     def answer(connection: Any) -> tuple[list[str], list[tuple[Any, ...]]]:
-        found = connection.execute(sql)
-        return [one[0] for one in found.description or ()], found.fetchall()
+        with nullcontext() if bounds is None else bounds.timed(connection):
+            found = connection.execute(sql)
+            return [one[0] for one in found.description or ()], found.fetchall()
 
-    return _answered(store, answer)
+    return _answered(store, answer, {} if bounds is None else bounds.options())
 
 
 def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
@@ -41,12 +72,16 @@ def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
     return _answered(store, answer)
 
 
-def _answered(store: Store, answer: Callable[[Any], Answer]) -> Answer:
+def _answered(
+    store: Store, answer: Callable[[Any], Answer], options: Mapping[str, str | int] = MappingProxyType({})
+) -> Answer:
     tables = tables_to_read(store)
     for _ in range(TRIES - 1):
         try:
-            with duckdb_errors(), with_tables(store, tables) as connection:
+            with duckdb_errors(), with_tables(store, tables, options) as connection:
                 return answer(connection)
+        except TimeoutError:
+            raise
         except (OSError, SourceError) as error:
             before, tables = tables, tables_to_read(store)
             if before == tables:
@@ -54,5 +89,5 @@ def _answered(store: Store, answer: Callable[[Any], Answer]) -> Answer:
                 if before == tables:
                     raise
                 log.warning("joined tables were not used; if --job index does not help, delete index/: %s", error)
-    with duckdb_errors(), with_tables(store, tables) as connection:
+    with duckdb_errors(), with_tables(store, tables, options) as connection:
         return answer(connection)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -97,7 +98,10 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
 
 @contextmanager
 def duckdb_errors() -> Iterator[None]:
-    """Errors of a query as SettingsError, those of damaged tables as SourceError, those of a store as OSError."""
+    """Errors of a query as SettingsError, those of damaged tables as SourceError, those of a store as OSError.
+
+    A query that was interrupted is a TimeoutError.
+    """
     check_extra()
     import duckdb
 
@@ -105,6 +109,8 @@ def duckdb_errors() -> Iterator[None]:
         yield
     except duckdb.IOException as error:
         raise OSError(_line(error)) from None
+    except duckdb.InterruptException:
+        raise TimeoutError("the query took too long") from None
     except duckdb.InvalidInputException as error:
         raise SourceError(f"the archive has a damaged table: {_line(error)}") from None
     except duckdb.Error as error:
@@ -128,14 +134,14 @@ class Tables(NamedTuple):
 
 
 @contextmanager
-def with_tables(store: Store, tables: Tables) -> Iterator[Any]:
-    """A connection of DuckDB in which `frames` is a view of tables of an archive."""
+def with_tables(store: Store, tables: Tables, options: Mapping[str, str | int] = MappingProxyType({})) -> Iterator[Any]:
+    """A connection of DuckDB in which `frames` is a view of tables of an archive. options: of DuckDB"""
     check_extra("a query")
     import duckdb
 
     names = tables.names
 
-    with duckdb.connect(config={"autoinstall_known_extensions": False}) as connection:
+    with duckdb.connect(config={"autoinstall_known_extensions": False, **options}) as connection:
         if not names:
             columns = ", ".join(f'CAST(NULL AS {kind}) AS "{name}"' for name, kind in COLUMNS.items())
             connection.execute(f"CREATE VIEW frames AS SELECT {columns} LIMIT 0")

@@ -13,7 +13,7 @@ from lidarcodec.archive.stores.base import Entry, Store, check_name
 from lidarcodec.errors import SourceError
 
 _PAGE: Final = 1000
-_RETRIES: Final[Any] = {"max_retries": 8, "retry_timeout": timedelta(seconds=90)}
+_RETRIES: Final = 8
 """Repetitions of a request that the store may answer later (errors 500 and 503, cut connections)."""
 
 _PAUSES_S: Final = (0.5, 2.0)
@@ -28,8 +28,9 @@ class BucketStore(Store):
     `AWS_ENDPOINT_URL`, `GOOGLE_APPLICATION_CREDENTIALS`, `AZURE_STORAGE_ACCOUNT_NAME`, ...).
     """
 
-    def __init__(self, url: str, store: Any = None) -> None:
+    def __init__(self, url: str, store: Any = None, retry_s: int = 90) -> None:
         """store: an obstore store to use instead of one for `url`
+        retry_s: how long a request is repeated
 
         Raises SourceError if the address cannot be used.
         """
@@ -38,7 +39,8 @@ class BucketStore(Store):
 
         self.url = url
         try:
-            self._store = store or obstore.store.from_url(url, retry_config=_RETRIES)
+            retries: Any = {"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=retry_s)}
+            self._store = store or obstore.store.from_url(url, retry_config=retries)
         except (BaseError, ValueError) as error:
             raise SourceError(f"{url} cannot be opened: {_told(error)}") from None
 

@@ -13,8 +13,10 @@ from lidarcodec.errors import MissingExtraError, UnknownNameError
 SCHEMES: Final = ("s3", "gs", "az")
 
 
-def open_store(where: str | Path | Store) -> Store:
+def open_store(where: str | Path | Store, retry_s: int = 90) -> Store:
     """The store of a folder, or of `s3://BUCKET/PREFIX`, `gs://...` or `az://...`. A Store is returned as it is.
+
+    retry_s: how long requests are repeated that a bucket may answer later
 
     Raises UnknownNameError for another address, MissingExtraError without obstore, SourceError.
     """
@@ -29,4 +31,4 @@ def open_store(where: str | Path | Store) -> Store:
         raise MissingExtraError("object storage", "archive")
     from lidarcodec.archive.stores.bucket import BucketStore
 
-    return BucketStore(str(where))
+    return BucketStore(str(where), retry_s=retry_s)
