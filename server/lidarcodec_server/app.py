@@ -17,6 +17,7 @@ from starlette.concurrency import run_in_threadpool
 import lidarcodec
 from lidarcodec.transport import Transport
 from lidarcodec_server import openapi, problems
+from lidarcodec_server.archived.part import archived
 from lidarcodec_server.auth import asks, check, known_operator
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door.connections import ConnectionMetrics, Connections
@@ -44,10 +45,11 @@ ROUTERS = (
     "sockets",
     "snapshot",
     "recordings",
+    "archive",
     "past",
     "maps",
 )
-PARTS: tuple[Part, ...] = (live, past)
+PARTS: tuple[Part, ...] = (live, past, archived)
 
 
 @asynccontextmanager

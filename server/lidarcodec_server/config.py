@@ -56,6 +56,7 @@ class ServerConfig(BaseModel):
     recordings:          folder of the server's recordings
     past:                folder of clips that were fetched from vehicles;  max_past_bytes: its largest size
     maps:                folder of maps to serve;  None: there are none
+    archive:             folder or address (`s3://...`) of an archive to search and play;  None: there is none
     max_recordings_bytes: largest size of that folder;  max_recording_bytes, max_recording_s: limits of one recording
     """
 
@@ -94,6 +95,7 @@ class ServerConfig(BaseModel):
     recordings: Path = Field(default_factory=lambda: state_folder() / "recordings")
     past: Path = Field(default_factory=lambda: state_folder() / "past-clips")
     maps: Path | None = None
+    archive: str | None = Field(default=None, min_length=1)
     max_past_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recordings_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recording_bytes: int = Field(default=4 * 2**30, ge=2**20)

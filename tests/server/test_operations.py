@@ -45,9 +45,9 @@ BODIES = [
     b'{"codec": "\\ud800"}',
 ]
 PLACES = [
-    {"vehicle": "car-7", "sensor": "roof", "id": "20261121T101500Z-3fa2c9", "mark": "crash-1"},
-    {"vehicle": "nobody", "sensor": "roof", "id": "none", "mark": "crash-1"},
-    {"vehicle": "a b", "sensor": "x" * 70, "id": "y" * 70, "mark": "z" * 70},
+    {"vehicle": "car-7", "sensor": "roof", "id": "20261121T101500Z-3fa2c9", "mark": "crash-1", "segment": "0" * 24},
+    {"vehicle": "nobody", "sensor": "roof", "id": "none", "mark": "crash-1", "segment": "none"},
+    {"vehicle": "a b", "sensor": "x" * 70, "id": "y" * 70, "mark": "z" * 70, "segment": "s" * 70},
 ]
 
 

@@ -254,6 +254,14 @@ def serve(
         Path | None,
         Option("--maps", metavar="DIR", help="Folder of maps (.lcmap) to serve to vehicles and to the page."),
     ] = None,
+    archive: Annotated[
+        str | None,
+        Option(
+            "--archive",
+            metavar="URL",
+            help="Archive to search, download and play: a folder, s3://, gs:// or az:// (extra archive).",
+        ),
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -278,7 +286,7 @@ def serve(
         keep_alive_s=keep_alive_seconds, read_s=read_seconds, recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
         past=past, max_past_bytes=None if past_gb is None else int(past_gb * 2**30),
-        maps=maps,
+        maps=maps, archive=archive,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +21,6 @@ from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.download import Download
-from lidarcodec_server.live.holding import Hold
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.playback import Playback, PlayRequest
 from lidarcodec_server.live.shelf import BusyRecordingError, MissingRecordingError, Recording, Shelf, StorageError
@@ -36,6 +35,8 @@ MAX_PLAYING: Final = 4
 MAX_RECORDING: Final = 64
 _FOREVER_BYTES: Final = 2**62
 T = TypeVar("T")
+Borrow = Callable[[], Awaitable[tuple[Path, Callable[[], object]]]]
+"""Gives a file to play, and what to call when it is no longer read."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +244,21 @@ class Recordings:
         await self.one(name)
         if self._runs(name):
             raise BusyRecordingError(f"recording {name} is still running: stop it first")
+        return await self.play_file(name, request, lambda: self._borrow(name))
+
+    async def _borrow(self, name: str) -> tuple[Path, Callable[[], object]]:
+        hold = await self._in_thread(lambda: self.shelf.hold(name))
+        try:
+            return await self._in_thread(lambda: self.shelf.file(name)), hold.close
+        except BaseException:
+            hold.close()
+            raise
+
+    async def play_file(self, name: str, request: PlayRequest, borrow: Borrow) -> dict[str, Any]:
+        """Play a file as a stream of its own; `stop_playing` and `steer` know it by its name. Raises as `play`.
+
+        borrow: gives the file, and what to call when it is no longer read. It is asked only while there is a place
+        """
         if name in self._playing:
             raise BusyRecordingError(f"recording {name} is already being played: stop it first")
         if len(self._playing) >= MAX_PLAYING:
@@ -254,17 +270,16 @@ class Recordings:
             )
         playback = self._playing[name] = Playback(request)
         try:
-            hold = await self._in_thread(lambda: self.shelf.hold(name))
+            file, give_back = await borrow()
             try:
-                file = await self._in_thread(lambda: self.shelf.file(name))
                 await self._in_thread(lambda: self._begin(name, file, playback))
             except BaseException:
-                hold.close()
+                give_back()
                 raise
         except BaseException:
             self._playing.pop(name, None)
             raise
-        playback.task = self._loop.create_task(self._watch_playback(name, playback, hold))
+        playback.task = self._loop.create_task(self._watch_playback(name, playback, give_back))
         logger.info("recording %s is played as %s/%s", name, request.vehicle, request.sensor)
         return playback.state()
 
@@ -347,14 +362,14 @@ class Recordings:
         logger.log(level, "%s: recording %s ended: %s", keys.prefix, ended.id, ended.reason or "stopped")
         return ended
 
-    async def _watch_playback(self, name: str, playback: Playback, hold: Hold) -> None:
+    async def _watch_playback(self, name: str, playback: Playback, give_back: Callable[[], object]) -> None:
         try:
             while not playback.ended.is_set() and not playback.finished:
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(playback.ended.wait(), LOOK_S)
         finally:
             await self._in_thread(playback.stop)
-            hold.close()
+            give_back()
             self._playing.pop(name, None)
             logger.info("recording %s is no longer played", name)
 

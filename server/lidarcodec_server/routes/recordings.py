@@ -29,6 +29,7 @@ from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream, time_of
 from lidarcodec_server.routes.live import Known, TheDownloads, TheRecordings
+from lidarcodec_server.service import Service
 from lidarcodec_server.told import check_names, check_settings_size
 
 router = APIRouter(prefix="/api/v1", tags=["recordings"])
@@ -151,7 +152,7 @@ async def start(
 ) -> RecordingAnswer:
     """Record a stream on the server, as the vehicle sends it, until it is stopped or a limit is reached."""
     limits = None if body is None else Limits(body.max_seconds, body.max_bytes)
-    with _problems():
+    with recording_problems():
         started = await recordings.start(known.keys, operation.client.name, limits)
     operation.about = {"recording": started.id}
     return RecordingAnswer.of(started, None)
@@ -171,7 +172,7 @@ async def stop(
     recordings: TheRecordings, keys: TheStream, operation: Annotated[Operation, operates("record-stop")]
 ) -> RecordingAnswer:
     """End the recording of a stream. The answer comes when everything is on the disk."""
-    with _problems():
+    with recording_problems():
         ended = await recordings.stop(keys)
     operation.about = {"recording": ended.id}
     return RecordingAnswer.of(ended, None)
@@ -180,14 +181,14 @@ async def stop(
 @router.get("/recordings", responses=FULL)
 async def all_recordings(recordings: TheRecordings, client: Viewer) -> list[RecordingAnswer]:
     """All recordings, newest first."""
-    with _problems():
+    with recording_problems():
         return [RecordingAnswer.of(one, recordings.playing(one.id)) for one in await recordings.all()]
 
 
 @router.get("/recordings/{id}", responses=NO_SUCH)
 async def one_recording(recordings: TheRecordings, id: Id, client: Viewer) -> RecordingAnswer:
     """One recording."""
-    with _problems():
+    with recording_problems():
         return RecordingAnswer.of(await recordings.one(id), recordings.playing(id))
 
 
@@ -204,7 +205,7 @@ async def download(recordings: TheRecordings, downloads: TheDownloads, id: Id, c
     """The bytes of a recording. A download that was cut can be continued: headers `Range` and `If-Range` (RFC 9110)."""
     give_back = downloads.take(client.name)
     try:
-        with _problems():
+        with recording_problems():
             return await recordings.download(id, give_back)
     except BaseException:
         give_back()
@@ -214,7 +215,7 @@ async def download(recordings: TheRecordings, downloads: TheDownloads, id: Id, c
 @router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})
 async def remove(recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("record-delete")]) -> None:
     """Delete a recording for good."""
-    with _problems():
+    with recording_problems():
         gone = await recordings.one(id)
         operation.keys = StreamKeys(gone.vehicle, gone.sensor)
         await recordings.remove(id)
@@ -229,19 +230,36 @@ async def play(
     body: Annotated[PlayBody | None, Body()] = None,
 ) -> PlayingAnswer:
     """Play a recording as a stream of its own. It can then be viewed and changed like any other stream."""
+    wanted = checked(body)
+    with recording_problems():
+        recording = await recordings.one(id)
+        playing = await recordings.play(id, play_request(service, operation, wanted, id, recording.sensor))
+    return PlayingAnswer.of(playing)
+
+
+def checked(body: PlayBody | None) -> PlayBody:
+    """A body whose settings are not too large. Raises SettingsError."""
     wanted = body or PlayBody()
     check_settings_size(wanted.settings)
     check_names(wanted.settings.get("codec_settings"))
-    with _problems():
-        recording = await recordings.one(id)
-        keys = StreamKeys(wanted.vehicle or f"playback-{recording.id}", wanted.sensor or recording.sensor)
-        operation.keys = keys
-        there = service.fleet.get(keys)
-        if there is not None and there.alive:
-            raise BusyRecordingError(f"there is already a stream {keys.vehicle}/{keys.sensor}: choose another name")
-        request = PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
-        playing = await recordings.play(id, request)
-    return PlayingAnswer.of(playing)
+    return wanted
+
+
+def play_request(service: Service, operation: Operation, wanted: PlayBody, name: str, sensor: str) -> PlayRequest:
+    """How to play the recording of that name and sensor. Raises BusyRecordingError, SettingsError."""
+    keys = StreamKeys(wanted.vehicle or f"playback-{name}", wanted.sensor or sensor)
+    operation.keys = keys
+    there = service.fleet.get(keys)
+    if there is not None and there.alive:
+        raise BusyRecordingError(f"there is already a stream {keys.vehicle}/{keys.sensor}: choose another name")
+    return PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
+
+
+@router.get("/recordings/{id}/play")
+async def played(recordings: TheRecordings, id: Id, client: Viewer) -> PlayingAnswer | None:
+    """The playback of a recording, or of a segment of the archive; null if it is not played."""
+    playing = recordings.playing(id)
+    return None if playing is None else PlayingAnswer.of(playing)
 
 
 @router.patch("/recordings/{id}/play", responses=NO_SUCH)
@@ -250,7 +268,7 @@ async def steer(
 ) -> PlayingAnswer:
     """Pause a playback, move it, or change its speed or loop, from its next frame on."""
     operation.about |= body.model_dump(exclude_none=True)
-    with _problems():
+    with recording_problems():
         playing = recordings.steer(id, **body.model_dump())
     operation.keys = StreamKeys(playing["vehicle"], playing["sensor"])
     return PlayingAnswer.of(playing)
@@ -261,7 +279,7 @@ async def stop_playing(
     recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("play-stop")]
 ) -> None:
     """End a playback."""
-    with _problems():
+    with recording_problems():
         played = recordings.playing(id)
         await recordings.stop_playing(id)
     if played is not None:
@@ -269,7 +287,7 @@ async def stop_playing(
 
 
 @contextmanager
-def _problems() -> Iterator[None]:
+def recording_problems() -> Iterator[None]:
     """Turns errors of recordings into problems."""
     try:
         yield

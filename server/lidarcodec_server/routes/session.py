@@ -30,17 +30,18 @@ class SessionAnswer(BaseModel):
     )
     token_needed: bool = Field(description="Whether other requests without a token are refused.")
     version: str = Field(description="Version of the server.")
+    archive: bool = Field(description="Whether the server has an archive (`serve --archive`).")
 
 
 @router.get("/session")
 def session(service: TheService, connection: HTTPConnection) -> SessionAnswer:
     """The client as the server sees it. This needs no token, so that a page can ask whether one is needed. An invalid
     token is refused as everywhere."""
-    needed, version = service.tokens.needed, lidarcodec.__version__
+    needed, about = service.tokens.needed, {"version": lidarcodec.__version__, "archive": bool(service.config.archive)}
     if needed and not offers_token(connection):
-        return SessionAnswer(name=None, role=None, token_needed=True, version=version)
+        return SessionAnswer(name=None, role=None, token_needed=True, **about)
     client = require_viewer(connection)
-    return SessionAnswer(name=client.name, role=client.role, token_needed=needed, version=version)
+    return SessionAnswer(name=client.name, role=client.role, token_needed=needed, **about)
 
 
 @router.get("/settings")

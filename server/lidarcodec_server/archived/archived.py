@@ -1,0 +1,141 @@
+"""Archived: the archive of a server. Belongs to the event loop; the archive is asked in few threads, with time limits.
+
+A thread that waits for a store that is away stays taken until the store's own limit. Then others are refused.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from lidarcodec.archive.archive import Archive
+from lidarcodec.errors import SourceError
+from lidarcodec_server.archived.copies import Copies
+from lidarcodec_server.archived.errors import AwayArchiveError, BusyArchiveError, DamagedArchiveError
+from lidarcodec_server.archived.finding import Found, Wanted, find, segment_of
+from lidarcodec_server.limits import SparseLog
+
+logger = logging.getLogger(__name__)
+
+QUERIES, COPIES, WAITING = 2, 4, 8
+"""Threads for queries and for copies, and most requests for each that run or wait."""
+FIND_S: Final = 15.0
+COPY_S: Final = 120.0
+"""Longest waits of a client for a list, and for a copy of a segment."""
+T = TypeVar("T")
+
+
+class Archived:
+    """Segments of an archive: found, and borrowed as files."""
+
+    def __init__(self, archive: Archive, copies: Copies | None = None) -> None:
+        self._archive, self._copies = archive, copies or Copies(archive)
+        self._warnings = SparseLog(logger)
+        self._finders = ThreadPoolExecutor(QUERIES, "lidarcodec archive query")
+        self._copiers = ThreadPoolExecutor(COPIES, "lidarcodec archive copy")
+        self._looking = 0
+        self._coming: dict[str, asyncio.Future[None]] = {}
+
+    async def find(self, wanted: Wanted) -> tuple[list[Found], str | None]:
+        """Segments, the newest first, and where the next ones begin; None if these are the last.
+
+        Raises SettingsError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
+        """
+        return await self._look(lambda: find(self._archive, wanted))
+
+    async def sensor(self, segment: str) -> str:
+        """The sensor of a segment. Raises NoSegmentError and what `find` raises."""
+        commit, _ = await self._look(lambda: segment_of(self._archive, segment))
+        return commit.sensor
+
+    async def _look(self, work: Callable[[], T]) -> T:
+        if self._looking >= WAITING:
+            raise BusyArchiveError("too many searches of the archive are running: try again")
+        self._looking += 1
+        running = asyncio.get_running_loop().run_in_executor(self._finders, work)
+        running.add_done_callback(self._looked)
+        with self._errors():
+            return await _in_time(running, FIND_S)
+
+    def _looked(self, done: asyncio.Future[Any]) -> None:
+        self._looking -= 1
+        _seen(done)
+
+    async def borrow(self, segment: str) -> tuple[Path, Callable[[], object]]:
+        """The recording of a segment as a file, and what to call when it is no longer read.
+
+        Raises NoSegmentError, FullError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
+        """
+        give_back = self._copies.borrow(segment) if segment not in self._coming else None
+        if give_back is None:
+            await self._copy(segment)
+            give_back = self._copies.borrow(segment)
+        if give_back is None:  # others needed its room at once
+            raise BusyArchiveError("the room for copies of segments is in use: try again")
+        return self._copies.path(segment), give_back
+
+    async def _copy(self, segment: str) -> None:
+        running = self._coming.get(segment)
+        if running is None:
+            if len(self._coming) >= WAITING:
+                raise BusyArchiveError("too many segments are being fetched from the archive: try again")
+            running = asyncio.get_running_loop().run_in_executor(self._copiers, self._make, segment)
+            self._coming[segment] = running
+
+            def over(done: asyncio.Future[None]) -> None:
+                del self._coming[segment]
+                _seen(done)
+
+            running.add_done_callback(over)
+        with self._errors():
+            await _in_time(running, COPY_S)
+
+    def _make(self, segment: str) -> None:
+        stop = threading.Event()
+        timer = threading.Timer(COPY_S, stop.set)
+        timer.daemon = True
+        timer.start()
+        try:
+            self._copies.make(segment, stop)
+        finally:
+            timer.cancel()
+
+    def close(self) -> None:
+        """End. Blocks for the disk."""
+        self._copies.close()
+        for pool in (self._finders, self._copiers):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Errors of an archive for clients, without its address. The log has that."""
+        try:
+            yield
+        except TimeoutError:
+            raise AwayArchiveError("the archive did not answer in time: try again, or ask for less") from None
+        except FileNotFoundError as error:
+            self._warnings.warning("an object of the archive is lost: %s", error)
+            raise DamagedArchiveError("an object of the archive is lost; the log has its name") from None
+        except OSError as error:
+            self._warnings.warning("the archive does not answer: %s", error)
+            raise AwayArchiveError("the archive does not answer; the log has the reason") from None
+        except SourceError as error:
+            self._warnings.warning("the archive is damaged: %s", error)
+            raise DamagedArchiveError("the archive is damaged here; the log has the reason") from None
+
+
+async def _in_time(running: asyncio.Future[T], limit_s: float) -> T:
+    """The result, which others may wait for, too. Raises TimeoutError; the work continues."""
+    return await asyncio.wait_for(asyncio.shield(running), limit_s)
+
+
+def _seen(done: asyncio.Future[Any]) -> None:
+    """Nobody may be left who waits for it."""
+    if not done.cancelled():
+        done.exception()
