@@ -25,10 +25,12 @@ class System:
     """`lidarcodec serve` on ports of its own, and the vehicles that are started for it.
 
     meeting: the port of loopback where vehicles of another system are; by default nobody is there
+    archive: the folder of its archive; by default it has none
     """
 
-    def __init__(self, folder: Path, meeting: int | None = None) -> None:
+    def __init__(self, folder: Path, meeting: int | None = None, archive: Path | None = None) -> None:
         self.folder, self.meeting = folder, meeting or free_port()
+        self._archive = [] if archive is None else ["--archive", str(archive)]
         self._variables = environment(LIDARCODEC_LOOPBACK_PORT=str(self.meeting), XDG_STATE_HOME=str(folder))
         self._database = f"sqlite:///{folder / 'server.db'}"
         self._port = free_port()
@@ -39,7 +41,7 @@ class System:
     def serve(self) -> None:
         """Start the server, and wait until it answers."""
         stores = ["--database-url", self._database, "--recordings", str(self.folder / "recordings")]
-        self._server = self._start("serve", "--port", str(self._port), *stores)
+        self._server = self._start("serve", "--port", str(self._port), *stores, *self._archive)
         assert eventually(self._answers, LIMIT_S), "the server does not answer"
 
     def stop_server(self) -> None:
@@ -121,9 +123,9 @@ class System:
 
 
 @contextmanager
-def system(folder: Path, meeting: int | None = None) -> Iterator[System]:
-    """A server that runs; it and its vehicles end with the block. meeting: as for System"""
-    made = System(folder, meeting)
+def system(folder: Path, meeting: int | None = None, archive: Path | None = None) -> Iterator[System]:
+    """A server that runs; it and its vehicles end with the block. meeting, archive: as for System"""
+    made = System(folder, meeting, archive)
     try:
         made.serve()
         yield made

@@ -8,6 +8,7 @@ export interface Session {
   role: Role | null;
   token_needed: boolean;
   version: string;
+  archive: boolean;
 }
 
 export interface FleetRow {
@@ -162,4 +163,21 @@ export interface Recording {
   size_bytes: number;
   frames: number | null;
   playing: Playing | null;
+}
+
+export interface Segment {
+  segment: string;
+  vehicle: string;
+  sensor: string;
+  begin: string;
+  end: string;
+  frames: number;
+  bytes: number;
+  codec: string;
+  bound_m: number | null;
+}
+
+export interface Segments {
+  segments: Segment[];
+  next: string | null;
 }

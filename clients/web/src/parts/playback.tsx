@@ -2,7 +2,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { clock } from "../model/format";
 import { type Poller, poll } from "../model/poll";
-import type { Playing, Recording } from "../model/wire";
+import type { Playing } from "../model/wire";
 import { call, mayChange, refreshFleet } from "../state";
 
 const EVERY_MS = 500;
@@ -17,11 +17,11 @@ export function Playback({ id }: { id: string }) {
 
   useEffect(() => {
     asking.current = poll(EVERY_MS, async () => {
-      playing.value = (await call<Recording>("GET", `api/v1/recordings/${id}`)).body.playing;
+      playing.value = (await call<Playing | null>("GET", path)).body;
       if (playing.value === null) refreshFleet();
     });
     return () => asking.current?.stop();
-  }, [id]);
+  }, [path]);
 
   async function change(body: Partial<Playing>) {
     try {

@@ -1,12 +1,13 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { fetchFile, Problem } from "../model/api";
+import { Archive } from "../archive/archive";
+import { Problem } from "../model/api";
 import { bytes, clock, count, moment } from "../model/format";
 import { type Poller, poll } from "../model/poll";
-import { saveAs } from "../model/saving";
 import type { Playing, Recording } from "../model/wire";
-import { call, choose, chosen, chosenRow, mayChange, nameOf, pathOf, refreshFleet, rows, token } from "../state";
+import { call, choose, chosen, chosenRow, mayChange, nameOf, pathOf, refreshFleet, rows, session } from "../state";
 import { Button } from "./button";
+import { Download } from "./download";
 
 const EVERY_MS = 2000;
 
@@ -88,6 +89,7 @@ export function Recordings() {
           </li>
         ))}
       </ul>
+      {session.value?.archive && <Archive />}
     </div>
   );
 }
@@ -149,7 +151,13 @@ function Item({ one, disabled, play, stop, remove }: ItemProps) {
             Play
           </Button>
         )}
-        <Download one={one} />
+        <Download
+          path={`api/v1/recordings/${one.id}/download`}
+          file={`${one.vehicle}_${one.sensor}_${one.id}.mcap`}
+          size={one.size_bytes}
+          off={one.state === "recording" || one.size_bytes === 0}
+          label={`Download ${name} of ${moment(one.started)}`}
+        />
         <span class="grow" />
         {sure.value ? (
           <>
@@ -172,57 +180,6 @@ function Item({ one, disabled, play, stop, remove }: ItemProps) {
           </Button>
         )}
       </p>
-    </>
-  );
-}
-
-/** Saves a recording as a file. It says how much is here, and can be ended. */
-function Download({ one }: { one: Recording }) {
-  const here = useSignal<number | null>(null);
-  const problem = useSignal<string | null>(null);
-  const ending = useRef<AbortController | null>(null);
-  useEffect(() => () => ending.current?.abort(), []);
-
-  async function save() {
-    const stop = new AbortController();
-    ending.current = stop;
-    problem.value = null;
-    here.value = 0;
-    try {
-      const tell = (bytes: number) => {
-        here.value = bytes;
-      };
-      const file = await fetchFile(`api/v1/recordings/${one.id}/download`, token.value, tell, stop.signal);
-      saveAs(file, `${one.vehicle}_${one.sensor}_${one.id}.mcap`);
-    } catch (error) {
-      if (!stop.signal.aborted) problem.value = error instanceof Problem ? error.detail : String(error);
-    } finally {
-      here.value = null;
-    }
-  }
-
-  if (here.value !== null) {
-    return (
-      <Button look="small" press={() => ending.current?.abort()}>
-        Stop ({bytes(here.value)} of {bytes(one.size_bytes)})
-      </Button>
-    );
-  }
-  return (
-    <>
-      <Button
-        look="small"
-        off={one.state === "recording" || one.size_bytes === 0}
-        label={`Download ${one.vehicle}/${one.sensor} of ${moment(one.started)}`}
-        press={() => void save()}
-      >
-        Download
-      </Button>
-      {problem.value !== null && (
-        <span class="problem" role="alert">
-          {problem.value}
-        </span>
-      )}
     </>
   );
 }
