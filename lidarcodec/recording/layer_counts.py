@@ -6,7 +6,6 @@ the frames before that are counted then.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from contextlib import suppress
 from typing import Final
@@ -14,6 +13,7 @@ from typing import Final
 from lidarcodec.layers import RefinedFrame, can_be_base
 from lidarcodec.message import Message
 from lidarcodec.recording.reader import RecordingReader
+from lidarcodec.untrusted.json import read_object
 
 LAYERS: Final = ("whole", "part", "base")
 """How a frame of two layers can be refined."""
@@ -28,6 +28,11 @@ class LayerCounts:
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._before: Counter[str] = Counter()
+
+    @property
+    def unrefined(self) -> int:
+        """Frames that are not refined whole."""
+        return self.counts["part"] + self.counts["base"]
 
     def add(self, reader: RecordingReader, message: Message, refined: RefinedFrame | None) -> None:
         """Count the frame of a message. refined: its refinements, None if it has none"""
@@ -47,6 +52,6 @@ def _layers(refined: RefinedFrame | None) -> str:
 
 def _said(reader: RecordingReader) -> bool:
     """Whether the settings in the metadata have two layers."""
-    with suppress(ValueError, AttributeError):
-        return json.loads(reader.metadata.get("settings", "{}")).get("base_error_m") is not None
+    with suppress(ValueError):
+        return read_object(reader.metadata.get("settings", "{}")).get("base_error_m") is not None
     return False

@@ -136,7 +136,7 @@ class RecordingSource(PacketSource):
             for message, frames in decoded(reader, messages, decoder.decode, fail, refined.append):
                 if frames:
                     layers.add(reader, message, refined.pop() if refined else None)
-                    if left := layers.counts["part"] + layers.counts["base"]:
+                    if left := layers.unrefined:
                         counts["not refined"] = left
                 yield from frames
             yield from decoder.flush()

@@ -185,6 +185,13 @@ _FIELDS: Final[dict[str, Check]] = {
     "codec_choice": or_null(record(codec=_name, because=text(TEXT), encode_ms=named(number), budget_ms=_any_number)),
     "sensor_model": record(name=_name, model=_name, calibration=text(TEXT), hash=_name, note=_long),
     "mount": or_null(_mount),
+    "refinements": or_null(
+        record(
+            **dict.fromkeys(
+                ("frames", "whole", "sent", "arrived", "given_up", "bytes", "no_receiver", "under_way"), count
+            )
+        )
+    ),
     "matching": flag,
     "ended": flag,
     "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),

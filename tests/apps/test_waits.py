@@ -18,6 +18,8 @@ FOR_WORK = {
     ("lidarcodec/apps/publisher/learning.py", "_allowed"),
     ("lidarcodec/apps/receiver/udp_out.py", "_run"),
     ("lidarcodec/apps/recorder.py", "_run"),
+    ("lidarcodec/apps/publisher/refining.py", "_next"),
+    ("lidarcodec/apps/receiver/refinements.py", "_run"),
     ("lidarcodec/apps/spot_check.py", "_run"),
     ("lidarcodec/transport/memory.py", "_run"),
     ("lidarcodec/transport/memory.py", "receive"),

@@ -63,10 +63,15 @@ function signedOut(): boolean {
 
 /** Sends a request with the token, and updates the state of server and token from the answer. After a sign-out nothing
  * is sent, because panels may exist for a moment longer. */
-export async function call<T>(method: string, path: string, body?: unknown): Promise<{ status: number; body: T }> {
+export async function call<T>(
+  method: string,
+  path: string,
+  body?: unknown,
+  limitMs?: number,
+): Promise<{ status: number; body: T }> {
   if (signedOut()) throw new Problem(401, "a token is needed", "token");
   try {
-    const answer = await request<T>(method, path, token.value, body);
+    const answer = await request<T>(method, path, token.value, body, limitMs);
     awaySince.value = null;
     return answer;
   } catch (error) {

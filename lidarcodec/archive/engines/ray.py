@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import socket
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from lidarcodec.archive.tasks import Ended, Task, work
 from lidarcodec.errors import SourceError
 
 _CONNECT_S: Final = 10.0
-_AHEAD: Final = 2
-"""Tasks a processor of the cluster that are handed out, so that no processor waits for the next one."""
 
 
 class RayEngine:
@@ -38,7 +37,7 @@ class RayEngine:
         if not processors:
             ray.shutdown()
             raise SourceError(f"the Ray cluster at {address} has no processors: start a worker")
-        self.slots = _AHEAD * processors
+        self.slots = processors  # no more, because the time of a task counts from here
         self._work = ray.remote(num_cpus=1, max_retries=0)(work)
         self._running: dict[Any, tuple[Task, float]] = {}
 
@@ -80,7 +79,7 @@ class RayEngine:
         for ref, (task, begun_s) in list(self._running.items()):
             if time.monotonic() - begun_s > self._timeout_s:
                 del self._running[ref]
-                self._ray.cancel(ref, force=True)
+                self._cancel(ref)
                 found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
         return found
 
@@ -89,14 +88,20 @@ class RayEngine:
         errors = self._ray.exceptions
         try:
             ended = self._ray.get(ref)
-        except (errors.RayTaskError, errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError) as error:
+        except errors.RayTaskError as error:  # `work` returns its own errors: the worker cannot load it
+            return Ended(task, "missing", why=f"a worker cannot do it: {str(error).splitlines()[-1]}")
+        except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError) as error:
             return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
         except Exception as error:
             raise self._gone(error) from None
         return Ended(task, ended.how, ended.result, ended.why)
 
+    def _cancel(self, ref: Any) -> None:
+        with suppress(Exception):  # the cluster is gone, and the task with it
+            self._ray.cancel(ref, force=True)
+
     def close(self) -> None:
         for ref in self._running:
-            self._ray.cancel(ref, force=True)
+            self._cancel(ref)
         self._running.clear()
         self._ray.shutdown()

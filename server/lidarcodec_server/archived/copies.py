@@ -97,6 +97,8 @@ class Copies:
 
     def _make_room(self, segment: str, size: int) -> None:
         """Reserve room for a copy, which is in use then. Copies that nobody uses go, the oldest use first."""
+        if size > self._max_bytes:
+            raise FullError("the segment is larger than all copies at the server may be: use `archive get` instead")
         with self._lock:
             for other in [one for one in self._sizes if not self._used[one]]:
                 if self._fits(size):

@@ -18,6 +18,9 @@ const FIELDS: [keyof Search, string][] = [
   ["radius", "Radius, m"],
 ];
 
+/** The server fetches a segment from the store before it plays it, and takes up to 135 s. */
+const COPY_MS = 150_000;
+
 /** The archive of the server: segments by vehicle, time and place, to be downloaded and played. */
 export function Archive() {
   const search = useSignal<Search>(NOTHING);
@@ -124,7 +127,7 @@ function Item({ one }: { one: Segment }) {
     busy.value = true;
     problem.value = null;
     try {
-      const playing = (await call<Playing | null>(method, path, body)).body;
+      const playing = (await call<Playing | null>(method, path, body, COPY_MS)).body;
       if (playing) choose(`${playing.vehicle}/${playing.sensor}`);
     } catch (error) {
       problem.value = said(error);

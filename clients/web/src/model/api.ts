@@ -34,6 +34,7 @@ export async function request<T>(
   path: string,
   token: string | null,
   body?: unknown,
+  limitMs = 20_000,
 ): Promise<Answer<T>> {
   const headers: Record<string, string> = { Accept: "application/json" };
   if (token !== null) headers.Authorization = `Bearer ${token}`;
@@ -46,7 +47,7 @@ export async function request<T>(
       method,
       headers,
       cache: "no-store",
-      signal: AbortSignal.timeout(20_000),
+      signal: AbortSignal.timeout(limitMs),
       ...(body === undefined ? {} : { body: JSON.stringify(body) }),
     });
   } catch {
