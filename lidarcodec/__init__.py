@@ -96,7 +96,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
-        raise AttributeError(f"module 'lidarcodec' has no attribute '{name}'")
+        hint = ": read_frames gives the frames of a source, open_source its packets" if name == "open" else ""
+        raise AttributeError(f"module 'lidarcodec' has no attribute '{name}'{hint}")
     return getattr(import_module(f"lidarcodec.{home}"), name)
 
 

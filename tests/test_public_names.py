@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 import lidarcodec
 
 
@@ -13,6 +15,11 @@ def test_every_public_name_is_there_and_listed_once() -> None:
     assert set(lidarcodec._HOME) | {"LidarCodecError", "__version__"} == set(lidarcodec.__all__)
     for name in lidarcodec.__all__:
         assert getattr(lidarcodec, name) is not None
+
+
+def test_open_names_what_opens() -> None:
+    with pytest.raises(AttributeError, match="'open': read_frames gives the frames"):
+        lidarcodec.open("drive.pcap")
 
 
 def test_import_brings_no_heavy_library() -> None:

@@ -88,6 +88,13 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     Raises SettingsError with the key, UnknownNameError, or MissingExtraError.
     """
     common: dict[str, Any] = {} if link is None else preset(link).settings
+    target = common.get("target_kbps")
+    if target is not None and values.get("base_error_m") is not None and "target_kbps" not in values:
+        raise SettingsError(
+            f"base_error_m sets the bound of the base and takes no target, but --link {link} sets target_kbps={target:g}: "
+            "leave --link out",
+            "base_error_m",
+        )
     common |= {"codec": codec} if codec else {}
     own: dict[str, Any] = {}
     for key, value in values.items():

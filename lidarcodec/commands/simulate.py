@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
@@ -31,13 +32,13 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
         ending, text = _description(source.sensor)
         if text:
             check_free(_described_in(out, ending), force=force)
-        turn = None if source.sensor.is_hdl64e else source.frame_packets
+        watch = None if source.sensor.is_hdl64e else TurnWatch(source.sensor)
         with whole(out, force=force) as output, progress("simulating", frames) as tick:
             described = bool(text) and not output.straight
             if described:
                 name_of = partial(_described_in, ending=ending)
                 output.companion(name_of, Path(ending).suffix).write_text(text, encoding="utf-8")
-            turns = Turns(source.packets(), stopped, tick, turn, frames)
+            turns = Turns(source.packets(), stopped, tick, None, frames, watch)
             turns.pass_over(skip)
             with output.beside.open("wb") as handle:
                 PcapWriter(handle).write_all(turns)

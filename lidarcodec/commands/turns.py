@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 
+from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.packet import Packet
 from lidarcodec.units import FRAME_PACKETS
@@ -13,7 +14,8 @@ from lidarcodec.units import FRAME_PACKETS
 class Turns:
     """Packets in turns. After a signal they end with the current turn.
 
-    of: number of data packets in a turn; None: turns of an HDL-64E as its rotation says, the first one may be short
+    of: number of data packets in a turn; None: turns as the sensor's rotation says, the first one may be short
+    watch: sees where turns begin; None: those of an HDL-64E
     most: they end after this number of turns, without those that were passed over; None: with the packets
     packets: data packets so far;  positions: position packets among them;  turns: turns that were begun
     cut: whether packets were left when a signal arrived;  complete: whether `most` turns were there
@@ -26,10 +28,11 @@ class Turns:
         tick: Callable[[], None],
         of: int | None = FRAME_PACKETS,
         most: int | None = None,
+        watch: RotationWatch | TurnWatch | None = None,
     ) -> None:
         self.of, self.most = of, most
         self._source, self._stopped, self._tick = iter(packets), stopped, tick
-        self._rotation = RotationWatch()
+        self._rotation = watch or RotationWatch()
         self._first: list[Packet] = []  # the first packets after those that were passed over
         self.packets = self.positions = self.turns = 0
         self.cut = self.complete = False

@@ -13,6 +13,7 @@ import pytest
 import lidarcodec.sources.spinning.source
 import lidarcodec.sources.spinning.table
 from lidarcodec import _native
+from lidarcodec.api import read_frames
 from lidarcodec.commands import simulate
 from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
 from lidarcodec.sensor_model import Calibration
@@ -214,6 +215,15 @@ def test_simulate_writes_captures_that_are_rightly_named(tmp_path, capsys):
     (tmp_path / "os1-32.pcap").unlink()
     with pytest.raises(SettingsError, match=r"os1-32\.json"):
         simulate.run("sim:street?sensor=os1-32", tmp_path / "os1-32.pcap", 1)
+
+
+@pytest.mark.parametrize("name", ["vlp16", "vls128", "qt64", "os1-32"])
+def test_a_drive_has_as_many_turns_as_were_asked_for(tmp_path, name):
+    assert len(list(read_frames(f"sim:garage?sensor={name}&frames=4"))) == 4
+    out = tmp_path / "skipped.pcap"
+    simulate.run(f"sim:garage?sensor={name}", out, 3, skip=2)
+    frames, drive = list(read_frames(out)), list(read_frames(f"sim:garage?sensor={name}&frames=5"))
+    assert [frame.stamp_ns for frame in frames] == [frame.stamp_ns // 1000 * 1000 for frame in drive[2:]]
 
 
 def test_ousters_own_reader_takes_the_metadata_and_finds_the_same_points():

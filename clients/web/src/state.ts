@@ -7,7 +7,7 @@ import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
 import type { Codec, FleetRow, Link, Schema, Session, Stream, TargetWarning } from "./model/wire";
 import { readHash } from "./scene/address";
-import { keep, kept } from "./scene/store";
+import { keep, keepInTab, kept, keptInTab } from "./scene/store";
 import { optionsIn } from "./scene/views";
 import type { StreamName, ViewOptions, ViewStats } from "./view";
 
@@ -18,7 +18,7 @@ const STREAM_MS = 1000;
 /** Interval while there is no stream, so that a new vehicle appears at once. */
 const EMPTY_MS = 300;
 
-export const token = signal<string | null>(sessionStorage.getItem(TOKEN));
+export const token = signal<string | null>(keptInTab(TOKEN));
 export const session = signal<Session | null>(null);
 /** `asking`: it is not known yet whether a token is needed. */
 export const gate = signal<"asking" | "closed" | "open">("asking");
@@ -142,7 +142,7 @@ export async function begin(): Promise<void> {
 export async function signIn(given: string): Promise<void> {
   const { body } = await request<Session>("GET", "api/v1/session", given);
   if (body.role === null) throw new Problem(401, "a token is needed", "token");
-  sessionStorage.setItem(TOKEN, given);
+  keepInTab(TOKEN, given);
   token.value = given;
   open(body);
 }
@@ -150,7 +150,7 @@ export async function signIn(given: string): Promise<void> {
 export function signOut(reason: string | null): void {
   fleet?.stop();
   fleet = null;
-  sessionStorage.removeItem(TOKEN);
+  keepInTab(TOKEN, null);
   token.value = null;
   session.value = null;
   gateReason.value = reason;

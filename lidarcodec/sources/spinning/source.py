@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
+from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sensors.images import Bytes, Images, Unsigned
@@ -47,7 +48,8 @@ class Simulated(NamedTuple):
 class SpinningSource(SimulatedDrive):
     """A drive through a simulated scene, seen by another sensor than the HDL-64E, as a source of packets.
 
-    wanted: the sensor and its options; the rest as of SimulatorSource. A frame is a turn, rounded up to whole packets.
+    wanted: the sensor and its options; the rest as of SimulatorSource. A frame is a turn; with `skip`, which is counted
+    in turns rounded up to whole packets, the first one may be short.
 
     A packet's time stamp is the sensor's own. Raises UnknownNameError for another scene, sensor or option, SourceError
     for a value out of range.
@@ -77,14 +79,17 @@ class SpinningSource(SimulatedDrive):
     def packets(self) -> Iterator[Packet]:
         """The drive's packets, from its start."""
         simulator = self._spinning()
+        turns, watch = 1, TurnWatch(self.sensor)
         left = math.inf if self.frames is None else self.frames * self.frame_packets
         first, chunk = self._first, max(1, self.frame_packets // CHUNKS_PER_TURN)
         while left > 0:
             made = self._make(simulator, first, int(min(chunk, left)))
             for payload, stamp_ns in zip(made.payloads, made.stamps_ns.tolist(), strict=True):
-                if self.closed:
+                data = payload.tobytes()
+                turns += watch.begins(data)
+                if self.closed or (self.frames is not None and turns > self.frames):
                     return
-                yield Packet(payload.tobytes(), stamp_ns)
+                yield Packet(data, stamp_ns)
             first += len(made.payloads)
             left -= len(made.payloads)
 

@@ -1,5 +1,5 @@
 import { afterEach, expect, test, vi } from "vitest";
-import { keep, kept } from "./store";
+import { keep, keepInTab, kept, keptInTab } from "./store";
 
 afterEach(() => vi.unstubAllGlobals());
 
@@ -20,4 +20,40 @@ test("a store that is full or forbidden stops nothing", () => {
   vi.stubGlobal("localStorage", { getItem: refuse, setItem: refuse });
   keep("a", 1);
   expect(kept("a")).toBeNull();
+});
+
+test("a token is kept in the tab until it is removed", () => {
+  const held = new Map<string, string>();
+  vi.stubGlobal("sessionStorage", {
+    getItem: (name: string) => held.get(name) ?? null,
+    setItem: (name: string, text: string) => held.set(name, text),
+    removeItem: (name: string) => held.delete(name),
+  });
+  keepInTab("token", "abc");
+  expect(keptInTab("token")).toBe("abc");
+  keepInTab("token", null);
+  expect(keptInTab("token")).toBeNull();
+});
+
+test("the page's state begins without a token where the browser forbids the very name of its store", async () => {
+  const forbidden = {
+    get(): never {
+      throw new DOMException("The operation is insecure.", "SecurityError");
+    },
+    configurable: true,
+  };
+  vi.stubGlobal("location", { hash: "" });
+  vi.stubGlobal("window", { addEventListener: () => undefined });
+  Object.defineProperty(globalThis, "sessionStorage", forbidden);
+  Object.defineProperty(globalThis, "localStorage", forbidden);
+  try {
+    const state = await import("../state");
+    expect(state.token.value).toBeNull();
+    keepInTab("token", "abc");
+    state.signOut("signed out");
+    expect([state.gate.value, keptInTab("token")]).toEqual(["closed", null]);
+  } finally {
+    Reflect.deleteProperty(globalThis, "sessionStorage");
+    Reflect.deleteProperty(globalThis, "localStorage");
+  }
 });
