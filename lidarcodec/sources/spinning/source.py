@@ -4,12 +4,11 @@
 >>> source = SpinningSource(Wanted("vlp16"), "street", frames=1)
 >>> packets = list(source.packets())
 >>> len(packets), len(packets[0].payload), source.sensor.model
-(76, 1206, 'vlp16')
+(75, 1206, 'vlp16')
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
@@ -22,7 +21,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sensors.images import Bytes, Images, Unsigned
 from lidarcodec.sources.drive import START_NS, SimulatedDrive
-from lidarcodec.sources.spinning.encoder import Numbers
+from lidarcodec.sources.spinning.encoder import TURN, Numbers
 from lidarcodec.sources.spinning.table import Wanted, detector_of, unit_of
 
 CHUNKS_PER_TURN: Final = 8
@@ -48,8 +47,8 @@ class Simulated(NamedTuple):
 class SpinningSource(SimulatedDrive):
     """A drive through a simulated scene, seen by another sensor than the HDL-64E, as a source of packets.
 
-    wanted: the sensor and its options; the rest as of SimulatorSource. A frame is a turn; with `skip`, which is counted
-    in turns rounded up to whole packets, the first one may be short.
+    wanted: the sensor and its options; the rest as of SimulatorSource. A frame is a turn, and the first packet is
+    the first of a turn; `skip` counts turns rounded up to whole packets.
 
     A packet's time stamp is the sensor's own. Raises UnknownNameError for another scene, sensor or option, SourceError
     for a value out of range.
@@ -73,25 +72,23 @@ class SpinningSource(SimulatedDrive):
         )
         self.label = f"simulated {scene}, seed {seed}, {self.sensor.model}"
         self.frame_packets = self.unit.turn_packets
-        self._first = skip * self.frame_packets
+        self._first = self._begins_turn(skip * self.frame_packets)
         self.start_ns = start_ns + int(self.unit.heads(self._first, 1).stamps_ns[0])
 
     def packets(self) -> Iterator[Packet]:
         """The drive's packets, from its start."""
         simulator = self._spinning()
         turns, watch = 1, TurnWatch(self.sensor)
-        left = math.inf if self.frames is None else self.frames * self.frame_packets
         first, chunk = self._first, max(1, self.frame_packets // CHUNKS_PER_TURN)
-        while left > 0:
-            made = self._make(simulator, first, int(min(chunk, left)))
+        while True:
+            made = self._make(simulator, first, chunk)
             for payload, stamp_ns in zip(made.payloads, made.stamps_ns.tolist(), strict=True):
                 data = payload.tobytes()
                 turns += watch.begins(data)
                 if self.closed or (self.frames is not None and turns > self.frames):
                     return
                 yield Packet(data, stamp_ns)
-            first += len(made.payloads)
-            left -= len(made.payloads)
+            first += chunk
 
     def truth(self, packets: int) -> Simulated:
         """The first `packets` packets with what was simulated.
@@ -101,6 +98,15 @@ class SpinningSource(SimulatedDrive):
         if not 1 <= packets <= 100 * self.frame_packets:
             raise SourceError(f"sim:{self.scene}: truth of 1 to {100 * self.frame_packets} packets, not {packets}")
         return self._make(self._spinning(), self._first, packets)
+
+    def _begins_turn(self, first: int) -> int:
+        """The number of the first packet from `first` on that begins a turn."""
+        count = self.frame_packets + 2
+        azimuths = self.unit.heads(first - 1, count).series.get("azimuth")
+        if azimuths is None:  # an Ouster: its turns have the same number of packets, and the drive begins with one
+            return first
+        of_packets = azimuths.reshape(count, -1)[:, 0].astype(np.int64)
+        return first + int(np.argmax(np.diff(of_packets) < -TURN // 2))
 
     def _spinning(self) -> _native.SpinningSimulator:
         layout = self.unit.layout
