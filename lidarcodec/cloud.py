@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from lidarcodec import _native
 from lidarcodec.errors import CalibrationError, SectionError
-from lidarcodec.other_cloud import other_cloud_of
+from lidarcodec.other_cloud import other_cloud_of, second_returns_of
 from lidarcodec.sensors.clouds.points import cloud_points
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS_PER_BLOCK
@@ -72,6 +72,21 @@ def cloud_of(frame: Frame, returns: Literal["first", "all"] = "first") -> npt.ND
         both[name] = np.concatenate((first[name], second[name]))
     both["return_number"] = np.repeat((1, 2), (len(first), len(second)))
     return both
+
+
+def second_returns(frame: Frame) -> int:
+    """How many points `cloud_of` has more with `all` than with `first`."""
+    if frame.sensor.is_cloud:
+        return 0
+    if not frame.sensor.is_hdl64e:
+        return second_returns_of(frame)
+    side = frame.side
+    return int(np.count_nonzero(side.second.view(RETURN)["distance"])) if isinstance(side, SideInfo) else 0
+
+
+def second_returns_text(count: int) -> str:
+    """Says how many second returns an output lacks."""
+    return f'{count:,} second returns left out (in Python, Frame.cloud("all") has them)'
 
 
 def cloud_to_show(frame: Frame) -> npt.NDArray[np.void]:

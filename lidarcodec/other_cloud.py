@@ -34,9 +34,23 @@ def other_cloud_of(frame: Frame, *, both: bool) -> npt.NDArray[np.void]:
     first = frame.valid
     parts = [_points(frame, family, layout, images, first, 1, both)]
     if both and "range2" in images.planes:
-        second = (images.planes["range2"] > 0) & ~_same(images)
+        second = _second(images)
         parts.append(_points(frame, family, layout, images, second, 2, both))
     return np.concatenate(parts)
+
+
+def second_returns_of(frame: Frame) -> int:
+    """How many second returns `other_cloud_of` adds to the first ones."""
+    found = layout_of(frame)
+    if found is None or "range2" not in frame.planes:
+        return 0
+    return int(np.count_nonzero(_second(images_of(frame, found[1]))))
+
+
+def _second(images: Images) -> npt.NDArray[np.bool_]:
+    """(H, W) bool, where there is a second return that is not the first one sent again."""
+    second: npt.NDArray[np.bool_] = (images.planes["range2"] > 0) & ~_same(images)
+    return second
 
 
 def _same(images: Images) -> npt.NDArray[np.bool_]:

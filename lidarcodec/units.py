@@ -56,3 +56,12 @@ def is_number(text: str, most: int, least: int = 0) -> bool:
     [True, False, False, False, False]
     """
     return text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= most
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "frame"), counted(7184, "packet")
+    ('1 frame', '7,184 packets')
+    """
+    return f"{number:,} {what}" + ("" if number == 1 else "s")

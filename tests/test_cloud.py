@@ -10,8 +10,9 @@ import numpy.typing as npt
 import pytest
 import velodyne_decoder as vd
 
+import lidarcodec
 from lidarcodec.assembly import Assembler
-from lidarcodec.cloud import CLOUD_DTYPE, second_cloud
+from lidarcodec.cloud import CLOUD_DTYPE, second_cloud, second_returns
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
@@ -248,3 +249,10 @@ def test_second_returns_that_belong_nowhere_are_refused() -> None:
     wide = np.zeros((64, 2), np.uint16)
     with pytest.raises(SectionError, match="second returns"):
         second_cloud(frame.with_(range=wide, intensity=wide.astype(np.uint8), azimuth=wide[:2], fired=wide[:2] > 0))
+
+
+@pytest.mark.parametrize("sensor", ["vlp16&returns=dual", "os0-32&profile=rng19_rfl8_sig16_nir16_dual", "hdl64e"])
+def test_second_returns_are_counted_as_the_cloud_of_all_has_them(sensor):
+    frame = next(iter(lidarcodec.read_frames(f"sim:garage?sensor={sensor}&frames=1")))
+    assert second_returns(frame) == len(frame.cloud("all")) - len(frame.cloud())
+    assert (second_returns(frame) > 0) == (sensor != "hdl64e")

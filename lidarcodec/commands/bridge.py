@@ -92,7 +92,8 @@ def ros2(
     ros = endpoints_of((ros_connect or ([] if ros_config else [ROUTER]), [], ros_config))
     given = endpoints_of((connect or [], listen or [], zenoh_config))
     bridge = RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end, fill=fill)
-    where = ", ".join(ros_connect or ([f"that of {ros_config}"] if ros_config else [ROUTER]))
+    usual = f"{ROUTER} (`ros2 run rmw_zenoh_cpp rmw_zenohd` starts it)"
+    where = ", ".join(ros_connect or ([f"that of {ros_config}"] if ros_config else [usual]))
     sys.stderr.write(f"to ROS 2, domain {names.domain}, router {where}: {', '.join(bridge.topics.values())}\n")
     _run(bridge, as_json)
 

@@ -9,6 +9,7 @@ from lidarcodec.commands.convert.frames import decode as write
 from lidarcodec.commands.outputs.table import form_of
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.selection.points import Placing
+from lidarcodec.sources.mounts import Mounted
 
 FOLDER = "kitti"
 """Format of the files in a folder."""
@@ -21,8 +22,10 @@ def run(
     selection: Selection,
     placing: Placing,
     poses: Path | None,
+    mounted: Mounted,
     force: bool = False,
     as_json: bool = False,
 ) -> None:
     """Decode frame by frame. A cut or damaged recording gives all its complete frames."""
-    write(recording, Wanted(out, form_of(out, form, folder=FOLDER), selection, placing, force, as_json), poses)
+    wanted = Wanted(out, form_of(out, form, folder=FOLDER), selection, placing, force, as_json)
+    write(recording, wanted, poses, mounted)

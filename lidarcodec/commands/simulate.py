@@ -18,6 +18,7 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.simulator import SCENES, SimulatorSource
+from lidarcodec.units import counted
 
 
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False, as_json: bool = False) -> None:
@@ -53,7 +54,8 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
     beside = [str(_described_in(kept, ending))] if described and kept is not None else []
     tell(
         {"output": str(kept), "beside": beside, "packets": count, "frames": turns.turns},
-        f"{kept}: {count} packets, {turns.turns} frames" + "".join(f"; {what} in {path}" for path in beside),
+        f"{kept}: {counted(count, 'packet')}, {counted(turns.turns, 'frame')}"
+        + "".join(f"; {what} in {path}" for path in beside),
         as_json,
     )
     if turns.cut:

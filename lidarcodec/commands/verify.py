@@ -117,7 +117,7 @@ def not_covered(found: Coverage) -> list[str]:
         return []
     missing = found.source_packets - found.packets
     return [
-        f"{missing} of {found.source_packets} packets of the source are missing; use --allow-part if only a "
+        f"{missing:,} of {found.source_packets:,} packets of the source are missing; use --allow-part if only a "
         "part was recorded"
     ]
 
@@ -137,18 +137,18 @@ def _text(result: dict[str, Any]) -> str:
     def metres(value: float | None) -> str:
         return "nothing to compare" if value is None else f"{value:.6f} m"
 
-    same = "identical" if result["packets_identical"] else f"{result['identical_packets']} identical"
+    same = "identical" if result["packets_identical"] else f"{result['identical_packets']:,} identical"
     recorded, missing = result["position_packets"], result["position_packets_missing"]
     all_same = result["position_packets_identical"]
     same_positions = "identical" if all_same else f"{result['identical_position_packets']} identical, {missing} missing"
     lines = [
         _covered_text(result["coverage"]),
         f"frames           {result['frames']}, {result['frames_not_in_source']} of them not in the source",
-        f"packets          {result['packets']}, {same}",
+        f"packets          {result['packets']:,}, {same}",
         *([f"position packets {recorded}, {same_positions}"] if recorded or missing else []),
         f"largest error    {metres(result['max_error_m'])}",
         f"RMS error        {metres(result['rmse_m'])}",
-        f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented"
+        f"returns          {result['points']:,}, {result['lost']:,} lost, {result['invented']:,} invented"
         + (f", {result['left_out']:,} left out by the reduction" if result["left_out"] else ""),
         *([_layers_text(result["layers"])] if result["layers"] else []),
         *(f"changed          {text}" for text in result["changed"]),

@@ -16,7 +16,7 @@ from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
-from lidarcodec.units import PACKET_INTERVAL_US
+from lidarcodec.units import PACKET_INTERVAL_US, counted
 from lidarcodec.wire import pack
 
 VEHICLE, SENSOR = "vehicle", "lidar"
@@ -90,8 +90,8 @@ class CodedRecording:
         size = self.payload_bytes
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
-        positions = f"{self.positions} position packets, " * bool(self.positions)
-        return f"{self.frames} frames{left}, {positions}{coded}, all decoded again and compared"
+        positions = f"{counted(self.positions, 'position packet')}, " * bool(self.positions)
+        return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}, all decoded again and compared"
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:

@@ -41,3 +41,13 @@ def time_ns_of(value: object, field: str = "time") -> int:
     raise SettingsError(
         f"{field} must be a time such as 2026-11-26T12:00:00Z, or nanoseconds since 1970, not '{text[:40]}'", field
     )
+
+
+def rfc_3339(stamp_ns: int) -> str:
+    """A time as text, in UTC, to the millisecond below.
+
+    >>> rfc_3339(1795694400500000000)
+    '2026-11-26T12:00:00.500Z'
+    """
+    whole = datetime.fromtimestamp(stamp_ns // 10**9, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    return f"{whole}.{stamp_ns % 10**9 // 10**6:03d}Z"

@@ -65,6 +65,45 @@ def test_scans_of_kitti_and_messages_of_points_are_sources_too(drive, tmp_path):
     assert found["points"] == clouds["points"] == len(laspy.read(tmp_path / "a.laz").points)
 
 
+def test_second_returns_that_are_left_out_are_counted(tmp_path, caplog):
+    spec = "sim:garage?sensor=vlp16&returns=dual&frames=2"
+    frames = list(lidarcodec.read_frames(spec))
+    second = sum(len(frame.cloud("all")) - len(frame.cloud()) for frame in frames)
+    found = done("convert", spec, tmp_path / "a.ply")
+    assert found["second_returns_left_out"] == second > 0
+    said = run_here("convert", spec, tmp_path / "clouds.mcap", "--as", "clouds").stdout
+    assert f"points, {second:,} second returns left out (in Python," in said
+    lidarcodec.write_frames(frames, tmp_path / "b.ply")
+    assert f"b.ply: {second:,} second returns left out" in caplog.text
+    for name in ("a.npz", "a.pcap"):
+        assert "second_returns_left_out" not in done("convert", spec, tmp_path / name)
+
+
+def test_times_beyond_the_end_name_the_span_of_the_source(drive, tmp_path):
+    words = ("cut", drive / "drive.mcap", tmp_path / "a.mcap"), ("convert", drive / "drive.pcap", tmp_path / "a.ply")
+    for command in words:
+        said = the_one_line(run_here(*command, "--from", "2", "--to", "5"))
+        assert "no frame from 2 to 5 (it begins at 2026-01-01T00:00:00." in said
+        assert "and lasts 0." in said
+
+
+def test_decode_takes_a_mounting_as_convert_does(drive, tmp_path):
+    words = (
+        drive / "drive.mcap",
+        tmp_path / "a.ply",
+        "--merge",
+        "--poses",
+        drive / "poses.txt",
+        "--mount",
+        "1,0,2,0,0,90",
+    )
+    done("decode", *words)
+    done("convert", words[0], tmp_path / "b.ply", *words[2:])
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+    done("convert", words[0], tmp_path / "c.ply", *words[2:5])
+    assert (tmp_path / "a.ply").read_bytes() != (tmp_path / "c.ply").read_bytes()
+
+
 def test_decode_is_the_short_form(drive, tmp_path):
     for name, words in (("scans", ()), ("each", ("--as", "las"))):
         one, two = tmp_path / "one" / name, tmp_path / "two" / name

@@ -58,7 +58,7 @@ def test_convert_keeps_them(tmp_path, capture, name, words):
 
 def test_frames_and_skip_count_turns_of_data_packets(tmp_path, capture):
     out = tmp_path / "part.pcap"
-    assert "333 packets, 1 frames" in run_here("convert", capture, out, "--skip", "1", "--frames", "1").stdout
+    assert "333 packets, 1 frame" in run_here("convert", capture, out, "--skip", "1", "--frames", "1").stdout
     sent = list(data_packets(packets_in(out)))
     begin = turning(700).index(sent[0])
     assert begin in (333, 334)

@@ -29,7 +29,7 @@ from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
-from lidarcodec.units import FRAME_PACKETS
+from lidarcodec.units import FRAME_PACKETS, counted
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
 BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
@@ -133,8 +133,8 @@ def _tell(
 ) -> None:
     """Print what was written. tables, described: calibration and metadata beside it;  said: remark of the output"""
     count, positions = turns.packets, turns.positions
-    parts = [f"{kept}: {count} packets" + f", {turns.turns} frames" * sensor.is_hdl64e]
-    parts[0] += f", {positions} position packets" * bool(positions and form != "rosbag")
+    parts = [f"{kept}: {counted(count, 'packet')}" + f", {counted(turns.turns, 'frame')}" * sensor.is_hdl64e]
+    parts[0] += f", {counted(positions, 'position packet')}" * bool(positions and form != "rosbag")
     parts += [said] if said else []
     parts += [f"calibration in {path}" for path in tables] + [f"metadata in {path}" for path in described]
     found = Converted(

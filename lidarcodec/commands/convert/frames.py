@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
+from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD, Output
 from lidarcodec.commands.outputs.table import Form, check_output, contents_of, opened
 from lidarcodec.commands.progress import progress
@@ -38,6 +39,7 @@ from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.transport import Endpoints
+from lidarcodec.units import counted
 
 log = logging.getLogger(__name__)
 
@@ -203,6 +205,7 @@ class _Written:
     frames: int = 0
     points: int = 0
     positions: int = 0
+    second_returns: int = 0
 
 
 def _write(name: str, source: Frames, wanted: Wanted) -> None:
@@ -245,6 +248,8 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     written.frames += 1
     written.points += len(cloud) if wanted.form.points else frame.points
     written.positions += positions_in(frame)
+    if wanted.form.first_returns:
+        written.second_returns += second_returns(frame)
 
 
 def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, int] | None) -> None:
@@ -257,6 +262,10 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     )  # fmt: skip
     if layers is not None:
         found["layers"] = layers
+    if written.second_returns:
+        found["second_returns_left_out"] = written.second_returns
     files = f", a file for each ({wanted.form.name})" if folder else ""
-    text = f"{kept}: {written.frames} frames{files}, {written.points:,} points"
+    text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
+    if written.second_returns:
+        text += f", {second_returns_text(written.second_returns)}"
     tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)

@@ -15,6 +15,7 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import Whole, beside, check_free, whole
+from lidarcodec.units import counted
 
 Item = TypeVar("Item")
 
@@ -73,7 +74,9 @@ def say(wanted: Cut, written: list[Path], beside_them: list[Path], count: int, w
         earlier_frames=earlier,
     )
     where = str(written[0]) if len(written) == 1 else f"{written[0]} to {written[-1].name}"
-    text = f"{where}: {count} {what}" + f" in {len(written)} parts" * (wanted.every_ns is not None)
+    text = f"{where}: {counted(count, what.removesuffix('s'))}"
+    if wanted.every_ns is not None:
+        text += f" in {counted(len(written), 'part')}"
     if earlier:
         text += f"; it begins with the key frame that the others need, {earlier} earlier than asked"
     if beside_them:

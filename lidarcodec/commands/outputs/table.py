@@ -43,6 +43,11 @@ class Form:
     extra: str = ""
 
     @property
+    def first_returns(self) -> bool:
+        """Whether it holds the first return of each beam and no other one."""
+        return self.points or self.name == "clouds"
+
+    @property
     def only_each(self) -> bool:
         """Whether there is a file for each frame in any case."""
         return self.name == "kitti"

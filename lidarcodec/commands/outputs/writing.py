@@ -9,15 +9,19 @@ True
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 
+from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame
+
+log = logging.getLogger(__name__)
 
 
 def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = False) -> int:
@@ -25,6 +29,7 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = Fals
 
     out: ends in .ply .pcd .las .laz .csv .e57 .npz (points), .mcap (clouds for viewers) or .pcap (packets); a folder
     gets a KITTI file for each frame. It appears when it is complete. force: replace it if it exists
+    Points are first returns; if there are second ones, a warning of `logging` counts them.
     Raises SettingsError for another ending or an output that exists, MissingExtraError if the format needs a library
     that is not installed, SourceError if there are no frames, OSError if the file cannot be written.
     """
@@ -35,10 +40,13 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = Fals
     first = next(rest, None)
     if first is None:
         raise SourceError(f"there are no frames: {path} was not written")
-    points = 0
+    points = second = 0
     with whole(path, force=force, contents=contents_of(path)) as output, opened(path, form, output.beside) as writer:
         for frame in chain((first,), rest):
             cloud = frame.cloud() if form.points else NO_CLOUD
             writer.write(frame, cloud)
             points += len(cloud) if form.points else frame.points
+            second += second_returns(frame) if form.first_returns else 0
+    if second:
+        log.warning("%s: %s", path, second_returns_text(second))
     return points

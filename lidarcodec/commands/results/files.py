@@ -24,6 +24,9 @@ class Converted(TypedDict):
     ratio: NotRequired[Annotated[float, "of a recording: packet bytes divided by coded bytes"]]
     left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
     refinement_bytes: NotRequired[Annotated[int, "of a recording of two layers: bytes of its refinements"]]
+    second_returns_left_out: NotRequired[
+        Annotated[int, "second returns of the frames, which formats of points do not hold; left out if there are none"]
+    ]
     layers: NotRequired[Annotated[dict[str, int], "of two layers: frames refined `whole`, in `part`, or `base` alone"]]
 
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from typing import Final, Protocol, TypeVar
 
 from lidarcodec.errors import SettingsError
-from lidarcodec.untrusted.times import time_ns_of
+from lidarcodec.untrusted.times import rfc_3339, time_ns_of
 
 MOST_SECONDS: Final = 1e9
 """A larger number is in nanoseconds since 1970."""
@@ -55,12 +55,16 @@ def time_of(text: str, begin_ns: int) -> int:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a command takes. frames, skip: numbers of frames;  begin, end: texts of times, the end is not included"""
+    """What a command takes. frames, skip: numbers of frames;  begin, end: texts of times, the end is not included
+
+    span: first and last time of a source that was read to its end, in ns since 1970; empty of another
+    """
 
     frames: int | None = None
     skip: int = 0
     begin: str | None = None
     end: str | None = None
+    span: list[int] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         begin, end = (None if text is None else time_of(text, 0) for text in (self.begin, self.end))
@@ -75,17 +79,21 @@ class Selection:
 
     def in_time(self, items: Iterable[Item]) -> Iterator[Item]:
         """Items from `begin` on and before `end`. They come in the order of their times, or nearly so."""
+        self.span.clear()
         rest = iter(items)
         first = next(rest, None)
         if first is None:
             return
         begin_ns = None if self.begin is None else time_of(self.begin, first.stamp_ns)
         end_ns = None if self.end is None else time_of(self.end, first.stamp_ns)
+        last_ns = first.stamp_ns
         for item in chain((first,), rest):
+            last_ns = max(last_ns, item.stamp_ns)
             if end_ns is not None and item.stamp_ns >= end_ns:
                 return
             if begin_ns is None or item.stamp_ns >= begin_ns:
                 yield item
+        self.span.extend((first.stamp_ns, last_ns))
 
     def of(self, items: Iterable[Item]) -> Iterator[Item]:
         """The items that are taken."""
@@ -95,4 +103,8 @@ class Selection:
         """What a source without any such item lacks, for an error: `no frame after the first 3`."""
         times = [f"{word} {text}" for word, text in (("from", self.begin), ("to", self.end)) if text is not None]
         skipped = [f"after the first {self.skip}"] if self.skip or not times else []
-        return " ".join(["no frame", *skipped, *times])
+        lasts = []
+        if times and self.span:
+            first_ns, last_ns = self.span
+            lasts = [f"(it begins at {rfc_3339(first_ns)} and lasts {(last_ns - first_ns) / 1e9:.1f} s)"]
+        return " ".join(["no frame", *skipped, *times, *lasts])

@@ -129,6 +129,8 @@ def decode(
     transform: Transform = None,
     merge: Merge = False,
     poses: PosesFile = None,
+    mount: MountText = None,
+    poses_of: PosesOf = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -136,9 +138,11 @@ def decode(
     from lidarcodec.commands import decode as command
     from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.selection.points import Placing
+    from lidarcodec.sources.mounts import Mounted
 
     selection, placing = Selection(frames, skip, begin, end), Placing.of(region, transform, merge=merge)
-    command.run(recording, out, form, selection, placing, poses, force, as_json)
+    mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=None)
+    command.run(recording, out, form, selection, placing, poses, mounted, force, as_json)
 
 
 @prints(Verified)
