@@ -27,7 +27,12 @@ def label(result: Result) -> str:
     own = settings.pop("codec_settings")
     apart = {key: value for key, value in settings.items() if value != defaults[key]}
     apart |= {key: value for key, value in own.items() if value != own_defaults[key]}
-    return " ".join([result["codec"], *(f"{key}={value}" for key, value in apart.items())])
+    return " ".join([result["codec"], *(f"{key}={_plain(value)}" for key, value in apart.items())])
+
+
+def _plain(value: Any) -> Any:
+    """A value as it is typed: 500 for 500.0."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def packets_word(identical: bool | None) -> str:
@@ -94,10 +99,24 @@ def text_table(results: Sequence[Result]) -> str:
     return "\n".join([head, *aligned(rows)])
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table. The first row is the head. The first column is left-aligned, the others are right-aligned."""
+def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
+    """Lines of a table. The first row is the head. The first column is left-aligned, the others are right-aligned.
+
+    width: of the lines, if they are to have one: columns that do not fit follow in further tables, each with the first
+    column
+
+    >>> aligned([["a", "one", "two"], ["b", "1", "2"]], 6)
+    ['a  one', 'b    1', '', 'a  two', 'b    2']
+    """
     columns = []
     for at, cells in enumerate(zip(*rows, strict=True)):
-        width = max(map(len, cells))
-        columns.append([cell.ljust(width) if at == 0 else cell.rjust(width) for cell in cells])
-    return ["  ".join(row) for row in zip(*columns, strict=True)]
+        wide = max(map(len, cells))
+        columns.append([cell.ljust(wide) if at == 0 else cell.rjust(wide) for cell in cells])
+    tables = [columns[:1]]
+    for column in columns[1:]:
+        length = sum(len(other[0]) + 2 for other in tables[-1]) + len(column[0])
+        if width is not None and length > width and len(tables[-1]) > 1:
+            tables.append(columns[:1])
+        tables[-1] = [*tables[-1], column]
+    lines = [["  ".join(row) for row in zip(*table, strict=True)] for table in tables]
+    return [line for number, table in enumerate(lines) for line in ([""] if number else []) + table]

@@ -89,7 +89,7 @@ def drive(tmp_path_factory) -> Path:
 
     folder = tmp_path_factory.mktemp("drive") / "car-7" / "roof"
     folder.mkdir(parents=True)
-    done = run("simulate", "sim:city?sensor=vlp16&frames=12", folder / "drive.pcap")
+    done = run("simulate", "sim:city?sensor=vlp16&frames=13", folder / "drive.pcap")
     assert done.returncode == 0, done.stderr
     return folder.parent.parent
 

@@ -15,6 +15,7 @@ from lidarcodec.archive.index import index, tables_to_read
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.sources import open_source
+from lidarcodec.untrusted.times import rfc_3339
 from tests.archive.conftest import unchanged
 from tests.command_line import run_here
 
@@ -96,6 +97,16 @@ def test_frames_by_time_and_by_condition(filled):
 def test_points_of_some_frames(filled, tmp_path):
     archive("get", filled, tmp_path / "some.ply", "--where", "frame = 1")
     assert (tmp_path / "some.ply").stat().st_size > 10_000
+
+
+def test_frames_that_are_not_there_are_explained(filled, tmp_path):
+    out = tmp_path / "some.ply"
+    begun = next(open_archive(filled).frames()).stamp_ns
+    late = archive("get", filled, out, "--from", "2031-01-01T00:00:00Z", code=1).stderr
+    assert f"no such frame (there are frames from {rfc_3339(begun)} to 20" in late
+    placed = archive("get", filled, out, "--where", "x between 0 and 9", code=1).stderr
+    assert "no such frame (no pose is known of any frame, so x is null): nothing was written" in placed
+    assert "no such frame: nothing" in archive("get", filled, out, "--where", "frame = 99", code=1).stderr
 
 
 def test_a_recording_of_some_frames_is_read_by_decode(filled, tmp_path):

@@ -26,7 +26,7 @@ from tests.archive.test_archive import FRAMES, SHORT, archive, objects, payloads
 from tests.command_line import run_here
 
 HERE = ("--workers", "here")
-SCENE = "sim:city?sensor=vlp16&frames=12"
+SCENE = "sim:city?sensor=vlp16&frames=13"
 
 
 @pytest.fixture(scope="module")

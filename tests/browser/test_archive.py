@@ -23,7 +23,7 @@ def archived(browser, tmp_path_factory):
     folder = tmp_path_factory.mktemp("archived")
     (folder / "in" / "car-7" / "roof").mkdir(parents=True)
     drive = folder / "in" / "car-7" / "roof" / "drive.pcap"
-    assert run_here("simulate", "sim:city?sensor=vlp16&frames=12", str(drive)).returncode == 0
+    assert run_here("simulate", "sim:city?sensor=vlp16&frames=13", str(drive)).returncode == 0
     done = run_here("archive", "run", str(folder / "in"), str(folder / "out"), "--workers", "here", "--seconds", "1")
     assert done.returncode == 0, done.stderr
     with system(folder, archive=folder / "out") as made:

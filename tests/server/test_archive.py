@@ -32,7 +32,7 @@ def made(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("archive")
     roof = folder / "in" / "car-7" / "roof"
     roof.mkdir(parents=True)
-    scene = "sim:city?sensor=vlp16&frames=12"
+    scene = "sim:city?sensor=vlp16&frames=13"
     assert run_here("simulate", scene, str(roof / "drive.pcap")).returncode == 0
     with lidarcodec.open_source(scene) as source:
         start = next(iter(source.packets())).stamp_ns

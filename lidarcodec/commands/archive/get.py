@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lidarcodec.archive.archive import Archive, Coded, time_ns
+from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.outputs.base import NO_CLOUD
@@ -18,11 +20,15 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.recording import RecordingWriter
+from lidarcodec.units import counted
+from lidarcodec.untrusted.times import rfc_3339
 
 RECORDING: Final = ".mcap"
 FOLDER: Final = "kitti"
 """Format of the files in a folder."""
 LATEST_NS: Final = (1 << 63) - 1
+_PLACE: Final = re.compile(r"\b[xyz]\b")
+"""Columns with the place of a frame."""
 
 
 Stopped = Callable[[], bool]
@@ -67,7 +73,7 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
         frames, cut = write(store, arguments, out, output, stopped, tick)
         if cut:
             raise StoppedError(f"stopped: {out} was not written")
-    tell({"output": str(output.kept), "frames": frames}, f"{output.kept}: {frames} frames", as_json)
+    tell({"output": str(output.kept), "frames": frames}, f"{output.kept}: {counted(frames, 'frame')}", as_json)
 
 
 def _frames(
@@ -76,7 +82,7 @@ def _frames(
     """Write decoded frames. Returns their number, and whether a signal ended it."""
     watched = Watched(store.decoded(**arguments), stopped)
     found = iter(watched)
-    first = _first(found)
+    first = _first(found, store, arguments)
     form, count = form_of(out, folder=FOLDER), 0
     with opened(out, form, output.beside) as writer:
         for commit, frame in chain((first,), found):
@@ -94,7 +100,7 @@ def _recording(
     del out
     watched: Watched[Coded] = Watched(store.messages(**arguments), stopped)
     found = iter(watched)
-    first, count = _first(found), 0
+    first, count = _first(found, store, arguments), 0
     names = first.commit.vehicle, first.commit.sensor
     with output.beside.open("wb") as file, RecordingWriter(file, *names) as writer:
         for one in chain((first,), found):
@@ -105,11 +111,25 @@ def _recording(
     return count, watched.cut
 
 
-def _first(found: Iterator[Any]) -> Any:
+def _first(found: Iterator[Any], store: Archive, arguments: dict[str, Any]) -> Any:
     first = next(found, None)
     if first is None:
-        raise SourceError("the archive has no such frame: nothing was written")
+        raise SourceError(f"the archive has no such frame{_why(store, arguments)}: nothing was written")
     return first
+
+
+def _why(store: Archive, arguments: dict[str, Any]) -> str:
+    """What an archive has instead of the frames that were asked for, in parentheses; empty if that explains nothing."""
+    if (where := arguments["where"]) is not None:
+        asked = _PLACE.search(where)
+        if asked is None or store.query("SELECT count(x) FROM frames")[1][0][0]:
+            return ""
+        return f" (no pose is known of any frame, so {asked[0]} is null)"
+    commits = commits_of(store.store, arguments["vehicle"], arguments["sensor"])
+    if arguments["between"] is None or not commits:
+        return ""
+    first, last = min(one.first_ns for one in commits), max(one.last_ns for one in commits)
+    return f" (there are frames from {rfc_3339(first)} to {rfc_3339(last)})"
 
 
 def _same_stream(one: Commit, other: Commit) -> None:

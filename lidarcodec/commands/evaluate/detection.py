@@ -10,7 +10,7 @@ from typing import Any
 
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, interrupted_after
-from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.running.telling import tell, terminal_width
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import SettingsError
@@ -65,7 +65,7 @@ def run(
     part = len(results) < wanted
     end: list[dict[str, Any]] = [interrupted_after(len(results), wanted)] if part else []
     if as_json or results:
-        tell(results + end, text_tables(results) if results else "", as_json)
+        tell(results + end, text_tables(results, terminal_width()) if results else "", as_json)
     if part:
         raise StoppedError(f"stopped: the output has only {len(results)} of {wanted} settings")
 

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 from lidarcodec.commands.bench.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, interrupted_after
-from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.running.telling import tell, terminal_width
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import SettingsError
@@ -157,7 +157,7 @@ def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool, end: list[d
     results += over_drives(outcomes, asked.seed)
     if not (as_json or results):
         return
-    lines = [text_tables(results)] if results else []
+    lines = [text_tables(results, terminal_width())] if results else []
     if asked.sweep and results:
         lines += ["", *_crossing_lines(asked, [outcome.result for outcome in outcomes])]
     tell(results + end, "\n".join(lines), as_json)

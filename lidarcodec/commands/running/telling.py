@@ -19,6 +19,8 @@ A command gets `--json` by the parameter `as_json: AsJson = False`, and its sche
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
@@ -46,3 +48,8 @@ def schema_of(command: Any) -> Any:
 def tell(result: Mapping[str, Any] | Sequence[Any], text: str, as_json: bool) -> None:
     """Print a result: as JSON, otherwise the text. The result has only values that JSON can hold."""
     print(json.dumps(result, indent=2) if as_json else text)
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that standard output is; None if it is none."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None

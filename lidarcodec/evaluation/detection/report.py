@@ -16,14 +16,14 @@ mean error of a cluster's length, width and height; d size = how much larger it 
 intersection over union of the returns on the ground with those of the original frames"""
 
 
-def text_tables(results: Sequence[Result]) -> str:
-    """A table for each drive, with an explanation of the columns above."""
+def text_tables(results: Sequence[Result], width: int | None = None) -> str:
+    """A table for each drive, with an explanation of the columns above. width: of the tables, as of `aligned`"""
     lines = [EXPLAINED]
     for source in dict.fromkeys(result["source"] for result in results):
         rows = [_cells(result) for result in results if result["source"] == source]
         names = list(dict.fromkeys(name for row in rows for name in row))
         lines += ["", _head(next(result for result in results if result["source"] == source))]
-        lines += aligned([names, *([row.get(name, "-") for name in names] for row in rows)])
+        lines += aligned([names, *([row.get(name, "-") for name in names] for row in rows)], width)
     return "\n".join(lines)
 
 

@@ -62,8 +62,8 @@ def _one_protocol(protocol: str, group: Sequence[Outcome], seed: int) -> Result:
     return mean
 
 
-def text_tables(results: Sequence[Result]) -> str:
-    """A table for each drive, with an explanation of the columns above."""
+def text_tables(results: Sequence[Result], width: int | None = None) -> str:
+    """A table for each drive, with an explanation of the columns above. width: of the tables, as of `aligned`"""
     lines = [
         "Trans mATE in mm +- one standard error by bootstrap (over frames; over drives if there are several), without",
         "failed steps; Rot mAPE and mAPE as in evo; r_c = points of a map of the decoded frames, as a share of the",
@@ -73,7 +73,8 @@ def text_tables(results: Sequence[Result]) -> str:
     ]
     for source in dict.fromkeys(result["source"] for result in results):
         rows = [result for result in results if result["source"] == source]
-        lines += ["", _head(rows[0]), *aligned([list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)])]
+        cells = [list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)]
+        lines += ["", _head(rows[0]), *aligned(cells, width)]
     return "\n".join(lines)
 
 
