@@ -44,10 +44,13 @@ def time_ns_of(value: object, field: str = "time") -> int:
 
 
 def rfc_3339(stamp_ns: int) -> str:
-    """A time as text, in UTC, to the millisecond below.
+    """A time as text, in UTC, to the millisecond below; in ns if no calendar has it.
 
-    >>> rfc_3339(1795694400500000000)
-    '2026-11-26T12:00:00.500Z'
+    >>> rfc_3339(1795694400500000000), rfc_3339(10**24)
+    ('2026-11-26T12:00:00.500Z', '1000000000000000000000000 ns since 1970')
     """
-    whole = datetime.fromtimestamp(stamp_ns // 10**9, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    try:
+        whole = datetime.fromtimestamp(stamp_ns // 10**9, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    except (ValueError, OverflowError, OSError):
+        return f"{stamp_ns} ns since 1970"
     return f"{whole}.{stamp_ns % 10**9 // 10**6:03d}Z"
