@@ -99,6 +99,16 @@ def test_points_of_some_frames(filled, tmp_path):
     assert (tmp_path / "some.ply").stat().st_size > 10_000
 
 
+def test_second_returns_that_are_not_among_the_points_are_told(tmp_path, caplog):
+    drive = tmp_path / "in/car-7/roof/drive.pcap"
+    drive.parent.mkdir(parents=True)
+    assert run_here("simulate", "sim:garage?sensor=vlp16&returns=dual&frames=1", drive).returncode == 0
+    archive("run", tmp_path / "in", tmp_path / "out", "--workers", "here")
+    archive("get", tmp_path / "out", tmp_path / "a.ply")
+    assert "a.ply: " in caplog.text
+    assert " second returns left out" in caplog.text
+
+
 def test_frames_that_are_not_there_are_explained(filled, tmp_path):
     out = tmp_path / "some.ply"
     begun = next(open_archive(filled).frames()).stamp_ns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterator
 from itertools import chain
@@ -12,6 +13,7 @@ from lidarcodec.archive.archive import Archive, Coded, time_ns
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
+from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
 from lidarcodec.commands.progress import progress
@@ -22,6 +24,8 @@ from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.units import counted
 from lidarcodec.untrusted.times import rfc_3339
+
+log = logging.getLogger(__name__)
 
 RECORDING: Final = ".mcap"
 FOLDER: Final = "kitti"
@@ -83,13 +87,16 @@ def _frames(
     watched = Watched(store.decoded(**arguments), stopped)
     found = iter(watched)
     first = _first(found, store, arguments)
-    form, count = form_of(out, folder=FOLDER), 0
+    form, count, second = form_of(out, folder=FOLDER), 0, 0
     with opened(out, form, output.beside) as writer:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)
             writer.write(frame, frame.cloud() if form.points else NO_CLOUD)
             count += 1
+            second += second_returns(frame) if form.first_returns else 0
             tick()
+    if second:
+        log.warning("%s: %s", out, second_returns_text(second))
     return count, watched.cut
 
 
