@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -17,8 +18,8 @@ from typing import Any, Final, TypeVar
 from lidarcodec.archive.archive import Archive
 from lidarcodec.errors import SourceError
 from lidarcodec_server.archived.copies import Copies
-from lidarcodec_server.archived.errors import AwayArchiveError, BusyArchiveError, DamagedArchiveError
-from lidarcodec_server.archived.finding import Found, Wanted, find, segment_of
+from lidarcodec_server.archived.errors import AwayArchiveError, BusyArchiveError, DamagedArchiveError, FullError
+from lidarcodec_server.archived.finding import Found, Known, Wanted, find, segment_of
 from lidarcodec_server.limits import SparseLog
 
 logger = logging.getLogger(__name__)
@@ -39,7 +40,7 @@ class Archived:
         self._warnings = SparseLog(logger)
         self._finders = ThreadPoolExecutor(QUERIES, "lidarcodec archive query")
         self._copiers = ThreadPoolExecutor(COPIES, "lidarcodec archive copy")
-        self._looking = 0
+        self._looking, self._ended = 0, False
         self._coming: dict[str, asyncio.Future[None]] = {}
 
     async def find(self, wanted: Wanted) -> tuple[list[Found], str | None]:
@@ -49,10 +50,14 @@ class Archived:
         """
         return await self._look(lambda: find(self._archive, wanted))
 
-    async def sensor(self, segment: str) -> str:
-        """The sensor of a segment. Raises NoSegmentError and what `find` raises."""
-        commit, _ = await self._look(lambda: segment_of(self._archive, segment))
-        return commit.sensor
+    async def known(self, segment: str) -> Known:
+        """A segment by its commit. Raises NoSegmentError and what `find` raises."""
+        end_s = time.monotonic() + FIND_S
+
+        def stopped() -> bool:
+            return self._ended or time.monotonic() > end_s
+
+        return await self._look(lambda: segment_of(self._archive, segment, stopped))
 
     async def _look(self, work: Callable[[], T]) -> T:
         if self._looking >= WAITING:
@@ -67,25 +72,26 @@ class Archived:
         self._looking -= 1
         _seen(done)
 
-    async def borrow(self, segment: str) -> tuple[Path, Callable[[], object]]:
+    async def borrow(self, segment: str, known: Known | None = None) -> tuple[Path, Callable[[], object]]:
         """The recording of a segment as a file, and what to call when it is no longer read.
 
+        known: the segment, if it was found already
         Raises NoSegmentError, FullError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
         give_back = self._copies.borrow(segment) if segment not in self._coming else None
         if give_back is None:
-            await self._copy(segment)
+            await self._copy(segment, known)
             give_back = self._copies.borrow(segment)
         if give_back is None:  # others needed its room at once
             raise BusyArchiveError("the room for copies of segments is in use: try again")
         return self._copies.path(segment), give_back
 
-    async def _copy(self, segment: str) -> None:
+    async def _copy(self, segment: str, known: Known | None) -> None:
         running = self._coming.get(segment)
         if running is None:
             if len(self._coming) >= WAITING:
                 raise BusyArchiveError("too many segments are being fetched from the archive: try again")
-            running = asyncio.get_running_loop().run_in_executor(self._copiers, self._make, segment)
+            running = asyncio.get_running_loop().run_in_executor(self._copiers, self._make, segment, known)
             self._coming[segment] = running
 
             def over(done: asyncio.Future[None]) -> None:
@@ -96,18 +102,19 @@ class Archived:
         with self._errors():
             await _in_time(running, COPY_S)
 
-    def _make(self, segment: str) -> None:
+    def _make(self, segment: str, known: Known | None) -> None:
         stop = threading.Event()
         timer = threading.Timer(COPY_S, stop.set)
         timer.daemon = True
         timer.start()
         try:
-            self._copies.make(segment, stop)
+            self._copies.make(segment, stop, known)
         finally:
             timer.cancel()
 
     def close(self) -> None:
         """End. Blocks for the disk."""
+        self._ended = True
         self._copies.close()
         for pool in (self._finders, self._copiers):
             pool.shutdown(wait=False, cancel_futures=True)
@@ -117,6 +124,10 @@ class Archived:
         """Errors of an archive for clients, without its address. The log has that."""
         try:
             yield
+        except FullError as error:
+            if error.__cause__ is not None:
+                self._warnings.warning("a segment of the archive cannot be copied here: %s", error.__cause__)
+            raise
         except TimeoutError:
             raise AwayArchiveError("the archive did not answer in time: try again, or ask for less") from None
         except FileNotFoundError as error:

@@ -22,4 +22,4 @@ class DamagedArchiveError(LidarCodecError):
 
 
 class FullError(LidarCodecError):
-    """There is no room for a copy of a segment."""
+    """There is no room for a copy of a segment, or the disk of the server failed."""

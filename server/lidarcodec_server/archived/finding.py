@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -116,14 +117,26 @@ def _sql(wanted: Wanted) -> str:
     )
 
 
-def segment_of(archive: Archive, segment: str) -> tuple[Commit, dict[str, Any]]:
-    """The commit of a segment and its contents. Raises NoSegmentError, SourceError for a damaged commit, OSError."""
+class Known(NamedTuple):
+    """A segment by its commit. value: contents of the commit"""
+
+    commit: Commit
+    value: dict[str, Any]
+
+
+def segment_of(archive: Archive, segment: str, stopped: Callable[[], bool]) -> Known:
+    """The commit of a segment. stopped: whether to give up
+
+    Raises NoSegmentError, SourceError for a damaged commit, OSError, of these TimeoutError if it was stopped.
+    """
     _check_there(archive)
     if is_id(segment):
         for entry in archive.store.entries("commits/"):
+            if stopped():
+                raise TimeoutError("the search for the segment took too long")
             commit = commit_of(entry.name)
             if commit is not None and commit.segment == segment:
-                return commit, read_commit(archive.store, commit)
+                return Known(commit, read_commit(archive.store, commit))
     raise NoSegmentError(f"the archive has no segment '{segment[:64]}': GET /api/v1/archive lists them")
 
 

@@ -28,11 +28,15 @@ async def archived(app: FastAPI) -> AsyncIterator[None]:
     if config.archive is None:
         yield
         return
-    app.state.archived = Archived(await run_in_threadpool(opened, config.archive))
+    app.state.archived = await run_in_threadpool(_begun, config.archive)
     try:
         yield
     finally:
         await run_in_threadpool(app.state.archived.close)
+
+
+def _begun(url: str) -> Archived:
+    return Archived(opened(url))
 
 
 def opened(url: str) -> Archive:

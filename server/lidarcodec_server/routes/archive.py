@@ -157,9 +157,12 @@ async def play(
     operation.about = {"segment": segment}
     wanted = checked(body)
     with _problems(), recording_problems():
-        sensor = wanted.sensor or await archive.sensor(segment)
+        known, sensor = None, wanted.sensor
+        if sensor is None:
+            known = await archive.known(segment)
+            sensor = known.commit.sensor
         request = play_request(service, operation, wanted, segment, sensor)
-        playing = await recordings.play_file(segment, request, lambda: archive.borrow(segment))
+        playing = await recordings.play_file(segment, request, lambda: archive.borrow(segment, known))
     return PlayingAnswer.of(playing)
 
 
