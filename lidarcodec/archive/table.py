@@ -96,11 +96,15 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         lines.unlink(missing_ok=True)
 
 
+class QueryMemoryError(SettingsError, MemoryError):
+    """A query takes more memory than it may, or than there is. A task that needs one is tried again."""
+
+
 @contextmanager
 def duckdb_errors() -> Iterator[None]:
     """Errors of a query as SettingsError, those of damaged tables as SourceError, those of a store as OSError.
 
-    A query that was interrupted is a TimeoutError.
+    A query that was interrupted is a TimeoutError, one that lacks memory a QueryMemoryError.
     """
     check_extra()
     import duckdb
@@ -111,6 +115,8 @@ def duckdb_errors() -> Iterator[None]:
         raise OSError(_line(error)) from None
     except duckdb.InterruptException:
         raise TimeoutError("the query took too long") from None
+    except duckdb.OutOfMemoryException as error:
+        raise QueryMemoryError(f"the query needs more memory than it may take: ask for less ({_line(error)})") from None
     except duckdb.InvalidInputException as error:
         raise SourceError(f"the archive has a damaged table: {_line(error)}") from None
     except duckdb.Error as error:

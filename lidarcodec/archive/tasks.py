@@ -54,10 +54,10 @@ def work(task: Task) -> Ended:
         return Ended(task, "done", work_of(task.kind)(task.value, source, target))
     except MissingExtraError as error:
         return Ended(task, "missing", why=str(error))
+    except (OSError, MemoryError) as error:  # first: lack of memory in a query is a LidarCodecError as well
+        return Ended(task, "store", why=_told(error, task))
     except LidarCodecError as error:
         return Ended(task, "refused", why=_told(error, task))
-    except (OSError, MemoryError) as error:
-        return Ended(task, "store", why=_told(error, task))
     except Exception as error:  # an engine must not end because of one task
         return Ended(task, "failed", why=_told(error, task))
 

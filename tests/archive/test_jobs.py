@@ -6,9 +6,11 @@ import json
 import shutil
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pytest
 
+from lidarcodec.archive import tasks
 from lidarcodec.archive.archive import open_archive
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.jobs.table import JOBS
@@ -17,6 +19,7 @@ from lidarcodec.archive.policy import Policy
 from lidarcodec.archive.query import query, segments_where
 from lidarcodec.archive.squares import MapPlan
 from lidarcodec.archive.stores.folder import FolderStore
+from lidarcodec.archive.table import duckdb_errors
 from lidarcodec.commands.archive.run import _made
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps.file import read_map
@@ -265,3 +268,13 @@ def test_wrong_options_are_refused(tmp_path, words, said):
     done = run_here("archive", "run", str(tmp_path / "in"), str(tmp_path / "out"), *words)
     assert done.returncode == 2
     assert said in done.stderr
+
+
+def test_a_task_that_lacks_memory_for_its_query_is_tried_again_and_not_set_aside(tmp_path, monkeypatch):
+    def lacking(value, source, target):
+        with duckdb_errors(), duckdb.connect(config={"memory_limit": "1MB", "temp_directory": ""}) as connection:
+            return connection.execute("select list(range) from range(10000000)").fetchall()
+
+    monkeypatch.setattr(tasks, "work_of", lambda kind: lacking)
+    ended = tasks.work(tasks.Task("stats", "key", "label", str(tmp_path), str(tmp_path)))
+    assert (ended.how, "more memory" in ended.why) == ("store", True)

@@ -16,6 +16,7 @@ import lidarcodec
 from lidarcodec.archive.archive import Archive
 from lidarcodec.archive.query import Bounds, query
 from lidarcodec.errors import SettingsError
+from lidarcodec_server.archived import finding
 from lidarcodec_server.archived.archived import Archived
 from lidarcodec_server.archived.copies import Copies
 from lidarcodec_server.archived.errors import FullError
@@ -185,5 +186,13 @@ def test_a_query_ends_when_its_time_is_over_and_takes_no_more_memory_than_it_may
     with pytest.raises(TimeoutError):
         query(store, "select count(*) from range(10000000000) a, range(100000) b", Bounds(0.2, 100))
     assert time.monotonic() - begun_s < 5
-    with pytest.raises(SettingsError, match="cannot be run"):
+    with pytest.raises(SettingsError, match="ask for less"):
         query(store, "select list(range) from range(100000000)", Bounds(30.0, 50))
+
+
+def test_a_search_over_its_memory_is_no_damaged_archive(made, monkeypatch):
+    monkeypatch.setattr(finding, "BOUNDS", Bounds(10.0, 1))
+    with pytest.raises(SettingsError, match="ask for less"):
+        finding.find(Archive(made), finding.Wanted())
+    monkeypatch.setattr(finding, "BOUNDS", Bounds(10.0, 512))
+    assert len(finding.find(Archive(made), finding.Wanted())[0]) == 2

@@ -13,7 +13,7 @@ from lidarcodec.archive.archive import Archive
 from lidarcodec.archive.names import Commit, commit_of, is_id
 from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.query import Bounds, query
-from lidarcodec.archive.table import text_of
+from lidarcodec.archive.table import QueryMemoryError, text_of
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec_server.archived.errors import NoSegmentError
 
@@ -73,13 +73,16 @@ def place_of(text: str) -> tuple[float, float]:
 def find(archive: Archive, wanted: Wanted) -> tuple[list[Found], str | None]:
     """Segments, the newest first, and `after` for the next ones, None if these are the last.
 
-    Raises SettingsError, SourceError for a damaged index, OSError, of these TimeoutError.
+    Raises SettingsError, also for a search that takes too much memory, SourceError for a damaged index, OSError, of these TimeoutError.
     """
     sql = _sql(wanted)
     _check_there(archive)
     try:
         _, rows = query(archive.store, sql, BOUNDS)
-    except SettingsError as error:  # the query is ours: types in the tables are wrong, or the memory does not suffice
+    except QueryMemoryError:
+        raise SettingsError("the search takes too much memory: ask for less, such as one vehicle, a shorter time or a "
+                            "smaller radius") from None
+    except SettingsError as error:  # the query is ours: types in the tables are wrong
         raise SourceError(str(error)) from None
     if any(value is None for row in rows for value in (*row[:8], row[9])) or not all(is_id(row[0]) for row in rows):
         raise SourceError("the archive has a damaged table: a column is empty, or an id is none")
