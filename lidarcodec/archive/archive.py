@@ -102,7 +102,7 @@ class Archive:
         """Names of columns and rows of a query in SQL over the table `frames`. Raises SettingsError, OSError."""
         from lidarcodec.archive.query import query
 
-        return query(self.store, sql)
+        return query(self.store, sql)[:2]
 
     def _where(self, condition: str) -> Iterator[Coded]:
         from lidarcodec.archive.query import TRIES, segments_where

@@ -28,8 +28,6 @@ FAN_IN: Final = 16
 """Tables of about the same size that are joined to one."""
 LARGEST: Final = FAN_IN**3
 """Most segments of a joined table: two days of a vehicle."""
-_SHOWN: Final = 5
-"""Most segments that are named in a warning."""
 _TRIES: Final = 3
 _ROUNDS: Final = 4
 """So often joined tables are joined again: LARGEST is reached then."""
@@ -55,20 +53,17 @@ class _State(NamedTuple):
 
     def tables(self) -> Tables:
         names = [_table(one.id) for one in self.used] + self.rest
-        return Tables(names, frozenset(segment for one in self.used for segment in one.hidden))
+        lost = tuple(f"{one.vehicle}/{one.sensor}/{one.segment}" for one in self.lost)
+        return Tables(names, frozenset(segment for one in self.used for segment in one.hidden), lost)
 
 
 def tables_to_read(store: Store, *, joined: bool = True) -> Tables:
-    """The tables that hold the rows of all visible segments, each row once. Segments without a table are warned of.
+    """The tables that hold the rows of all visible segments, each row once, and which segments have lost theirs.
 
     joined: whether joined tables are used
     Raises OSError.
     """
-    state = _state(store, joined=joined)
-    if state.lost:
-        names = ", ".join(f"{one.vehicle}/{one.sensor}/{one.segment}" for one in state.lost[:_SHOWN])
-        log.warning("%d segments have lost their tables, so their frames are missing here: %s", len(state.lost), names)
-    return state.tables()
+    return _state(store, joined=joined).tables()
 
 
 def index(store: Store) -> dict[str, int]:

@@ -11,14 +11,26 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.table import duckdb_errors, with_tables
+from lidarcodec.archive.table import Tables, duckdb_errors, with_tables
 from lidarcodec.errors import SourceError
 
 log = logging.getLogger(__name__)
 
 TRIES: Final = 3
 """So often a query is tried when tables were joined or replaced, and then removed, while it ran."""
-Answer = TypeVar("Answer")
+_SHOWN: Final = 5
+"""Most segments that are named in a warning."""
+Found = TypeVar("Found")
+Warn = Callable[..., None]
+"""Takes a warning, as a method of a logger does."""
+
+
+class Answer(NamedTuple):
+    """Names of columns and rows of a query. lost: number of segments whose tables are lost, so that they have no row"""
+
+    columns: list[str]
+    rows: list[tuple[Any, ...]]
+    lost: int
 
 
 class Bounds(NamedTuple):
@@ -43,10 +55,10 @@ class Bounds(NamedTuple):
             timer.cancel()
 
 
-def query(store: Store, sql: str, bounds: Bounds | None = None) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Names of columns and rows of a query over the table `frames`.
+def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log.warning) -> Answer:
+    """What a query over the table `frames` finds.
 
-    bounds: by default it may take all memory and any time
+    bounds: by default it may take all memory and any time;  warn: is told of segments whose tables are lost
     Raises SettingsError if it is wrong or takes more memory, SourceError for damaged tables, OSError, of these
     TimeoutError when the time is over.
     """
@@ -56,7 +68,8 @@ def query(store: Store, sql: str, bounds: Bounds | None = None) -> tuple[list[st
             found = connection.execute(sql)
             return [one[0] for one in found.description or ()], found.fetchall()
 
-    return _answered(store, answer, {} if bounds is None else bounds.options())
+    (columns, rows), lost = _answered(store, answer, {} if bounds is None else bounds.options(), warn)
+    return Answer(columns, rows, lost)
 
 
 def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
@@ -69,17 +82,20 @@ def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
             found.setdefault(segment, set()).add(offset)
         return found
 
-    return _answered(store, answer)
+    return _answered(store, answer)[0]
 
 
 def _answered(
-    store: Store, answer: Callable[[Any], Answer], options: Mapping[str, str | int] = MappingProxyType({})
-) -> Answer:
+    store: Store,
+    answer: Callable[[Any], Found],
+    options: Mapping[str, str | int] = MappingProxyType({}),
+    warn: Warn = log.warning,
+) -> tuple[Found, int]:
+    """What `answer` makes of a connection, and the number of segments whose tables are lost."""
     tables = tables_to_read(store)
     for _ in range(TRIES - 1):
         try:
-            with duckdb_errors(), with_tables(store, tables, options) as connection:
-                return answer(connection)
+            return _asked(store, answer, tables, options, warn)
         except TimeoutError:
             raise
         except (OSError, SourceError) as error:
@@ -88,6 +104,16 @@ def _answered(
                 tables = tables_to_read(store, joined=False)
                 if before == tables:
                     raise
-                log.warning("joined tables were not used; if --job index does not help, delete index/: %s", error)
+                warn("joined tables were not used; if --job index does not help, delete index/: %s", error)
+    return _asked(store, answer, tables, options, warn)
+
+
+def _asked(
+    store: Store, answer: Callable[[Any], Found], tables: Tables, options: Mapping[str, str | int], warn: Warn
+) -> tuple[Found, int]:
     with duckdb_errors(), with_tables(store, tables, options) as connection:
-        return answer(connection)
+        found = answer(connection)
+    if tables.lost:
+        names = ", ".join(tables.lost[:_SHOWN])
+        warn("%d segments have lost their tables, so their frames are missing here: %s", len(tables.lost), names)
+    return found, len(tables.lost)

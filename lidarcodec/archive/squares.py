@@ -36,7 +36,8 @@ _SQL: Final = f"""
 class MapPlan:
     """Squares that are not in `target` yet.
 
-    counts: `inputs`, which are squares here; of these `finished`, and `unfinished`, which are left for another run
+    counts: `inputs`, which are squares here; of these `finished`, and `unfinished`, which are left for another run;
+        `lost` segments without a table, which are in no map
     A map is named by what it is made of: when segments are added or replaced, its square is made again.
     """
 
@@ -48,7 +49,7 @@ class MapPlan:
     def tasks(self) -> Iterator[Task]:
         """A task for each square."""
         done = {entry.name for entry in self._target.entries("maps/")}
-        squares = query(self._source, _SQL.format(MAX_SQUARES + 1))[1]
+        _, squares, self.counts["lost"] = query(self._source, _SQL.format(MAX_SQUARES + 1))
         commits = {commit.segment: commit for commit in commits_of(self._source)}
         self._changed, self._more = 0, max(0, len(squares) - MAX_SQUARES)
         for col, line, segments in squares[:MAX_SQUARES]:

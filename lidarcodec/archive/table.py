@@ -133,10 +133,13 @@ def _line(error: Exception) -> str:
 
 
 class Tables(NamedTuple):
-    """Tables of an archive. names: of their objects;  hidden: segments whose rows are not read"""
+    """Tables of an archive. names: of their objects;  hidden: segments whose rows are not read
+    lost: VEHICLE/SENSOR/SEGMENT of those whose tables are not there
+    """
 
     names: list[str]
     hidden: frozenset[str] = frozenset()
+    lost: tuple[str, ...] = ()
 
 
 @contextmanager

@@ -74,6 +74,7 @@ def test_a_query_sees_every_frame_once(inputs, filled):
     assert json.loads(done.stdout) == {
         "columns": ["vehicle", "sensor", "n", "p", "e"],
         "rows": [["car-7", "roof", FRAMES, packets, 0.0]],
+        "lost": 0,
     }
     wrong = run_here("archive", "query", str(filled), "select nothing from frames")
     assert wrong.returncode == 2

@@ -169,7 +169,7 @@ def test_no_map_is_made_without_drives_that_were_replaced_meanwhile(filled, monk
     monkeypatch.setattr("lidarcodec.archive.squares.query", before_a_commit)
     plan = MapPlan(store, store)
     assert list(plan.tasks()) == []
-    assert plan.counts == {"inputs": squares, "unfinished": squares}
+    assert plan.counts == {"inputs": squares, "unfinished": squares, "lost": 0}
     assert "changed while they were listed" in plan.remarks()[0]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 from pathlib import Path
@@ -82,7 +83,7 @@ def test_the_list_goes_on_where_an_answer_ended(there):
     first = client.get(ALL, params={"limit": 1}).json()
     assert first["segments"] == [new]
     second = client.get(ALL, params={"limit": 1, "after": first["next"]}).json()
-    assert second == {"segments": [old], "next": None}
+    assert second == {"segments": [old], "next": None, "lost": 0}
 
 
 @pytest.mark.parametrize(
@@ -152,6 +153,21 @@ def test_away_and_damaged_archives_are_said_without_their_address(made, tmp_path
         assert str(tmp_path) not in answer.text
 
 
+def test_segments_whose_tables_are_lost_are_counted_and_logged_once_a_second(made, tmp_path, caplog):
+    folder = Path(shutil.copytree(made, tmp_path / "out"))
+    for joined in folder.glob("index/*"):
+        joined.unlink()
+    sorted(folder.glob("frames/*/*/*.parquet"))[0].unlink()
+    with running(tmp_path, archive=str(folder)) as server, httpx.Client(base_url=server.url, timeout=30) as client:
+        answers = [client.get(ALL).json() for _ in range(3)]
+        assert [(len(one["segments"]), one["lost"]) for one in answers] == [(1, 1)] * 3
+    assert 1 <= caplog.text.count("1 segments have lost their tables") < 3
+    done = run_here("archive", "query", str(folder), "select count(*) from frames", "--json")
+    assert json.loads(done.stdout)["lost"] == 1
+    done = run_here("archive", "run", str(folder), str(folder), "--job", "stats", "--json")
+    assert json.loads(done.stdout)["lost"] == 1
+
+
 async def test_a_server_without_an_archive_says_so(serving, tmp_path):
     async with serving() as client:
         answer = await client.get(ALL)
@@ -195,4 +211,4 @@ def test_a_search_over_its_memory_is_no_damaged_archive(made, monkeypatch):
     with pytest.raises(SettingsError, match="ask for less"):
         finding.find(Archive(made), finding.Wanted())
     monkeypatch.setattr(finding, "BOUNDS", Bounds(10.0, 512))
-    assert len(finding.find(Archive(made), finding.Wanted())[0]) == 2
+    assert len(finding.find(Archive(made), finding.Wanted()).segments) == 2

@@ -19,7 +19,10 @@ _SQL: Final = """
 
 
 def stats(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Returns `stats`, a row for each vehicle, sensor and codec. Raises OSError, SourceError."""
+    """Returns `stats`, a row for each vehicle, sensor and codec, and `lost`, the number of segments whose tables are lost.
+
+    Raises OSError, SourceError.
+    """
     del value, source
-    names, rows = query(target, _SQL)
-    return {"stats": [dict(zip(names, row, strict=True)) for row in rows]}
+    names, rows, lost = query(target, _SQL)
+    return {"stats": [dict(zip(names, row, strict=True)) for row in rows], "lost": lost}

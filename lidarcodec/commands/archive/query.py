@@ -6,7 +6,8 @@ import math
 from datetime import datetime
 from typing import Any
 
-from lidarcodec.archive.archive import Archive
+from lidarcodec.archive.query import query
+from lidarcodec.archive.stores.table import open_store
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.running.telling import tell
 
@@ -14,12 +15,12 @@ from lidarcodec.commands.running.telling import tell
 def run(archive: str, sql: str, as_json: bool) -> None:
     """Print the rows of a query."""
     check_extra("a query")
-    names, rows = Archive(archive).query(sql)
+    names, rows, lost = query(open_store(archive), sql)
     plain = [list(map(_plain, row)) for row in rows]
     table = [names, *([str(value) for value in row] for row in plain)]
     widths = [max(len(row[at]) for row in table) for at in range(len(names))]
     lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in table)
-    tell({"columns": names, "rows": plain}, "\n".join(lines), as_json)
+    tell({"columns": names, "rows": plain, "lost": lost}, "\n".join(lines), as_json)
 
 
 def _plain(value: Any) -> Any:

@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 NUMBERS: Final = (
     "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments",
     "frames", "packet_bytes", "bytes", "bytes_before", "unchanged", "compared", "points", "joined",
-    "removed", "tried_again", "done_twice",
+    "removed", "lost", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}

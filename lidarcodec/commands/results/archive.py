@@ -78,6 +78,7 @@ class ArchiveRun(TypedDict):
     points: Annotated[int, "of map: points of the maps that were written"]
     joined: Annotated[int, "joined tables that were written"]
     removed: Annotated[int, "joined tables that were removed, because they were not used any more"]
+    lost: Annotated[int, "of stats and map: segments whose tables are lost, so that their frames are missing"]
     tried_again: Annotated[int, "tasks that failed and were tried again"]
     done_twice: Annotated[int, "segments that another worker had written meanwhile"]
     repaired: Annotated[dict[str, int], "with --repair: number of removed objects, by kind"]
@@ -93,6 +94,7 @@ class ArchiveRows(TypedDict):
 
     columns: Annotated[list[str], "names of the columns"]
     rows: Annotated[list[list[Any]], "the rows: numbers, texts, null; times as ISO 8601 in UTC"]
+    lost: Annotated[int, "segments whose tables are lost, so that the query could not see their frames"]
 
 
 class ArchiveGot(TypedDict):

@@ -19,7 +19,7 @@ from lidarcodec.archive.archive import Archive
 from lidarcodec.errors import SourceError
 from lidarcodec_server.archived.copies import Copies
 from lidarcodec_server.archived.errors import AwayArchiveError, BusyArchiveError, DamagedArchiveError, FullError
-from lidarcodec_server.archived.finding import Found, Known, Wanted, find, segment_of
+from lidarcodec_server.archived.finding import Known, Page, Wanted, find, segment_of
 from lidarcodec_server.limits import SparseLog
 
 logger = logging.getLogger(__name__)
@@ -43,12 +43,12 @@ class Archived:
         self._looking, self._ended = 0, False
         self._coming: dict[str, asyncio.Future[None]] = {}
 
-    async def find(self, wanted: Wanted) -> tuple[list[Found], str | None]:
-        """Segments, the newest first, and where the next ones begin; None if these are the last.
+    async def find(self, wanted: Wanted) -> Page:
+        """Segments, the newest first.
 
         Raises SettingsError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
-        return await self._look(lambda: find(self._archive, wanted))
+        return await self._look(lambda: find(self._archive, wanted, self._warnings.warning))
 
     async def known(self, segment: str) -> Known:
         """A segment by its commit. Raises NoSegmentError and what `find` raises."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Callable
@@ -12,10 +13,12 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.archive.archive import Archive
 from lidarcodec.archive.names import Commit, commit_of, is_id
 from lidarcodec.archive.objects import read_commit
-from lidarcodec.archive.query import Bounds, query
+from lidarcodec.archive.query import Bounds, Warn, query
 from lidarcodec.archive.table import QueryMemoryError, text_of
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec_server.archived.errors import NoSegmentError
+
+logger = logging.getLogger(__name__)
 
 BOUNDS: Final = Bounds(10.0, 512)
 """What a query may take."""
@@ -70,18 +73,29 @@ def place_of(text: str) -> tuple[float, float]:
     return x, y
 
 
-def find(archive: Archive, wanted: Wanted) -> tuple[list[Found], str | None]:
-    """Segments, the newest first, and `after` for the next ones, None if these are the last.
+class Page(NamedTuple):
+    """Segments, the newest first. next: `after` for the next ones; None if these are the last
+    lost: number of segments of the archive whose tables are lost, so that no search finds them
+    """
+
+    segments: list[Found]
+    next: str | None
+    lost: int
+
+
+def find(archive: Archive, wanted: Wanted, warn: Warn = logger.warning) -> Page:
+    """Search the index. warn: is told of lost tables, with the names of their segments
 
     Raises SettingsError, also for a search that takes too much memory, SourceError for a damaged index, OSError, of these TimeoutError.
     """
     sql = _sql(wanted)
     _check_there(archive)
     try:
-        _, rows = query(archive.store, sql, BOUNDS)
+        _, rows, lost = query(archive.store, sql, BOUNDS, warn)
     except QueryMemoryError:
-        raise SettingsError("the search takes too much memory: ask for less, such as one vehicle, a shorter time or a "
-                            "smaller radius") from None
+        raise SettingsError(
+            "the search takes too much memory: ask for less, such as one vehicle, a shorter time or a smaller radius"
+        ) from None
     except SettingsError as error:  # the query is ours: types in the tables are wrong
         raise SourceError(str(error)) from None
     if any(value is None for row in rows for value in (*row[:8], row[9])) or not all(is_id(row[0]) for row in rows):
@@ -89,7 +103,7 @@ def find(archive: Archive, wanted: Wanted) -> tuple[list[Found], str | None]:
     found = [Found._make(row) for row in rows]
     shown = found[: wanted.limit]
     more = len(found) > len(shown)
-    return shown, f"{shown[-1].begin_ns}-{shown[-1].segment}" if more else None
+    return Page(shown, f"{shown[-1].begin_ns}-{shown[-1].segment}" if more else None, lost)
 
 
 def _sql(wanted: Wanted) -> str:

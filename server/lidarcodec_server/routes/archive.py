@@ -82,6 +82,7 @@ class SegmentsAnswer(BaseModel):
 
     segments: list[SegmentAnswer]
     next: str | None = Field(description="Value of `after` for the next ones; null if these are the last.")
+    lost: int = Field(description="Segments of the whole archive whose tables are lost: no search finds them.")
 
 
 def archived_of(connection: HTTPConnection) -> Archived:
@@ -117,9 +118,9 @@ async def segments(
         raise SettingsError("the first time is later than the last one", "from")
     place = None if around is None else place_of(around)
     with _problems():
-        found, following = await archive.find(Wanted(vehicle, sensor, from_ns, to_ns, place, radius, limit, after))
-    answers = [SegmentAnswer.of(one, recordings.playing(one.segment)) for one in found]
-    return SegmentsAnswer(segments=answers, next=following)
+        found = await archive.find(Wanted(vehicle, sensor, from_ns, to_ns, place, radius, limit, after))
+    answers = [SegmentAnswer.of(one, recordings.playing(one.segment)) for one in found.segments]
+    return SegmentsAnswer(segments=answers, next=found.next, lost=found.lost)
 
 
 @router.get("/archive/{segment}/download", response_class=Response, responses={**RANGES, **NO_SUCH})

@@ -7,7 +7,7 @@ import type { Playing, Segment, Segments } from "../model/wire";
 import { Button } from "../parts/button";
 import { Download } from "../parts/download";
 import { call, choose, mayChange, refreshFleet, rows } from "../state";
-import { coded, NOTHING, type Search, searchPath } from "./search";
+import { coded, missing, NOTHING, type Search, searchPath } from "./search";
 
 const FIELDS: [keyof Search, string][] = [
   ["vehicle", "Vehicle"],
@@ -50,7 +50,7 @@ export function Archive() {
       const { body } = await call<Segments>("GET", searchPath(asked.value, after));
       if (mine !== turn.current) return;
       const before = after === null ? [] : (found.value?.segments ?? []);
-      found.value = { segments: [...before, ...body.segments], next: body.next };
+      found.value = { segments: [...before, ...body.segments], next: body.next, lost: body.lost };
     } catch (error) {
       if (mine === turn.current) problem.value = said(error);
     } finally {
@@ -95,6 +95,11 @@ export function Archive() {
       {busy.value && (
         <p class="quiet pad" role="status">
           Searching the archive …
+        </p>
+      )}
+      {found.value !== null && found.value.lost > 0 && (
+        <p class="problem pad" role="status">
+          {missing(found.value.lost)}
         </p>
       )}
       {found.value?.segments.length === 0 && <p class="quiet pad">The archive has nothing like that.</p>}

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { coded, NOTHING, searchPath } from "./search";
+import { coded, missing, NOTHING, searchPath } from "./search";
 
 test("fields that are empty do not choose", () => {
   expect(searchPath(NOTHING)).toBe("api/v1/archive?limit=20");
@@ -20,6 +20,12 @@ test("a search has vehicle, time and place, and goes on", () => {
 test("half a place, and a place that is no number, are said", () => {
   expect(() => searchPath({ ...NOTHING, x: "1" })).toThrow("X and Y");
   expect(() => searchPath({ ...NOTHING, x: "1", y: "north" })).toThrow("numbers");
+});
+
+test("a list that may be incomplete says so", () => {
+  expect(missing(0)).toBeNull();
+  expect(missing(1)).toContain("1 segment.");
+  expect(missing(2)).toContain("2 segments.");
 });
 
 test("a bound is told in millimetres", () => {

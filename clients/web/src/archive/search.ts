@@ -35,6 +35,12 @@ export function searchPath(search: Search, after: string | null = null): string 
   return `api/v1/archive?${query}`;
 }
 
+/** What is missing from a list; null if it is whole. lost: segments of the archive that no search finds */
+export function missing(lost: number): string | null {
+  if (lost === 0) return null;
+  return `The list may be incomplete: the archive lost the tables of ${lost} segment${lost === 1 ? "" : "s"}.`;
+}
+
 /** How a segment was coded. */
 export function coded(codec: string, bound_m: number | null): string {
   if (bound_m === null) return `${codec}, no bound`;

@@ -177,7 +177,9 @@ export interface Segment {
   bound_m: number | null;
 }
 
+/** lost: segments of the whole archive that no search finds */
 export interface Segments {
   segments: Segment[];
   next: string | null;
+  lost: number;
 }
