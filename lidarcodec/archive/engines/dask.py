@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from queue import Empty, SimpleQueue
 from typing import Any, Final
@@ -9,11 +10,23 @@ from typing import Any, Final
 from lidarcodec.archive.tasks import Ended, Task, work
 from lidarcodec.errors import SourceError
 
-_AHEAD: Final = 2
-"""Tasks a thread of the cluster that are handed out, so that no thread waits for the next one."""
 _CONNECT_S: Final = 10.0
 _GONE_S: Final = 60.0
 """A scheduler may be away for so long, as when it is started again."""
+
+
+class _Call:
+    """A call of `work` that begins when it is unpickled.
+
+    Dask unpickles what it is given before it runs it, and a worker that fails there dies. So it is given bytes and a
+    function of Python itself, and a worker without `lidarcodec` says so.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return work, (self._task,)
 
 
 class DaskEngine:
@@ -26,14 +39,17 @@ class DaskEngine:
     def __init__(self, address: str, timeout_s: float) -> None:
         """Raises SourceError if no scheduler answers there, or it has no worker."""
         from distributed import Client
+        from distributed.scheduler import KilledWorker
 
+        self._cluster_errors = (KilledWorker, OSError, MemoryError)
         try:
             client: Any = Client
             self._client = client(address, timeout=_CONNECT_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None
-        self.slots = _AHEAD * max(1, sum(self._client.nthreads().values()))
+        # a task for each thread, and no more, because the time of a task counts from here
+        self.slots = max(1, sum(self._client.nthreads().values()))
         self._timeout_s, self._address = timeout_s, address
         self._seen_s = time.monotonic()
         self._done: SimpleQueue[Any] = SimpleQueue()
@@ -41,7 +57,7 @@ class DaskEngine:
 
     def submit(self, task: Task) -> None:
         self._check()
-        future = self._client.submit(work, task, pure=False, retries=0)
+        future = self._client.submit(pickle.loads, pickle.dumps(_Call(task)), pure=False, retries=0)
         self._running[future] = task, time.monotonic()
         future.add_done_callback(self._done.put)
 
@@ -77,7 +93,10 @@ class DaskEngine:
         if error is None and future.status == "finished":
             ended = future.result()
             return Ended(task, ended.how, ended.result, ended.why)
-        return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
+        if isinstance(error, self._cluster_errors) or not isinstance(error, Exception):
+            return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
+        # `work` returns its own errors: the worker cannot load it
+        return Ended(task, "missing", why=f"a worker cannot do it: {type(error).__name__}: {error}"[:1000])
 
     def close(self) -> None:
         for future in self._running:

@@ -1,0 +1,53 @@
+"""The engine for Dask, with a cluster in this process."""
+
+from __future__ import annotations
+
+import time
+from importlib import import_module
+
+import pytest
+
+pytest.importorskip("distributed", reason="needs the extra cluster")
+
+from distributed import LocalCluster
+
+from lidarcodec.archive.engines import dask
+from lidarcodec.archive.tasks import Task
+
+TASK = Task("cut", "key", "label", "/nowhere", "/nowhere", {"input": {}})
+
+
+class NotThere:
+    """A function that a worker cannot load."""
+
+    def __call__(self, task):
+        raise AssertionError("it cannot be called")
+
+    def __reduce__(self):
+        return import_module, ("lidarcodec_is_not_there",)
+
+
+@pytest.fixture
+def engine():
+    options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    with LocalCluster(host="127.0.0.1", protocol="tcp://", **options) as cluster:
+        found = dask.DaskEngine(cluster.scheduler_address, timeout_s=30.0)
+        yield found
+        found.close()
+
+
+def ended(engine):
+    end_s = time.monotonic() + 30.0
+    while not (found := engine.ended(1.0)):
+        assert time.monotonic() < end_s
+    return found[0]
+
+
+def test_as_many_tasks_are_handed_out_as_can_run_and_a_worker_without_the_package_says_so(engine, monkeypatch):
+    assert engine.slots == 2
+    engine.submit(TASK)
+    assert ended(engine).how == "failed"
+    monkeypatch.setattr(dask, "work", NotThere())
+    engine.submit(TASK)
+    found = ended(engine)
+    assert (found.how, "lidarcodec_is_not_there" in found.why) == ("missing", True)
