@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -89,15 +90,15 @@ class CompressPlan:
         found = []
         if number := self.counts["other_settings"]:
             found.append(
-                f"{number:,} of the inputs are in the archive with other settings ({self._other}), and were left as "
-                "they are: --job recompress replaces them, --keep-both adds them once more"
+                f"{number:,} of the inputs {_was(number)} in the archive already, with other settings "
+                f"({self._other}): --job recompress replaces them, --keep-both adds them once more"
             )
         if number := self.counts["unfinished"]:
-            found.append(f"{number:,} of these are there only in part: the earlier settings complete them")
+            found.append(f"{number:,} of these {_was(number)} there only in part: the earlier settings complete them")
         if number := self.counts["earlier_aside"]:
             found.append(
-                f"{number:,} of the inputs were set aside by an earlier run, whole or in part: aside/ in the archive "
-                "says why, --repair tries them again"
+                f"{number:,} of the inputs {_was(number)} set aside by an earlier run, whole or in part: aside/ in the "
+                "archive says why, --repair tries them again"
             )
         if number := self.counts["changed"]:
             found.append(
@@ -144,15 +145,24 @@ class CompressPlan:
         return Task(kind, key, label, self._source.url, self._target.url, value)
 
 
+def _was(number: int) -> str:
+    return "was" if number == 1 else "were"
+
+
 def _difference(plan: dict[str, Any], settings: dict[str, Any], seconds: float) -> str:
     """What is different in the settings of an earlier plan."""
     earlier = plan.get("settings")
     values = earlier if isinstance(earlier, dict) else {}
     names = [name for name in sorted(settings.keys() | values.keys()) if values.get(name) != settings.get(name)]
-    found = [f"{name}={values.get(name)}" for name in names]
+    found = [f"{name}={_written(values.get(name))}" for name in names]
     if plan.get("seconds") != seconds:
         found.append(f"--seconds {plan.get('seconds')}")
     return ", ".join(found)[:300] or "another version of the format"
+
+
+def _written(value: Any) -> str:
+    """A value of a setting as `--set` takes it."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 Choice = Callable[[Commit], dict[str, Any] | None]

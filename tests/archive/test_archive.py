@@ -12,6 +12,7 @@ import lidarcodec
 from lidarcodec.archive import contents
 from lidarcodec.archive.archive import open_archive
 from lidarcodec.archive.index import index, tables_to_read
+from lidarcodec.archive.plan import _difference
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.sources import open_source
@@ -345,6 +346,14 @@ def test_other_settings_do_not_archive_an_input_twice(inputs, filled, caplog):
     done = archive(*other, "--json", code=1)
     assert json.loads(done.stdout)["unfinished"] == 1
     assert json.loads(archive(*other, "--keep-both", "--json").stdout)["segments"] == 2
+
+
+def test_differences_and_numbers_are_written_as_a_person_would(inputs, filled):
+    assert (
+        _difference({"settings": {"max_error_m": None}, "seconds": 1}, {"max_error_m": 0.02}, 1) == "max_error_m=null"
+    )
+    done = archive("run", inputs, filled, *SHORT)
+    assert done.stdout.strip() == "1 input, 1 finished before"
 
 
 def test_an_input_that_was_replaced_under_its_name_is_archived_and_not_compared(inputs, filled, caplog):

@@ -19,7 +19,7 @@ _SQL: Final = """
 
 
 def stats(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Returns `stats`, a row for each vehicle, sensor and codec, and `lost`, the number of segments whose tables are lost.
+    """Returns `stats`, a row for each vehicle, sensor and codec, and `lost`, the number of segments without a table.
 
     Raises OSError, SourceError.
     """

@@ -42,6 +42,14 @@ NUMBERS: Final = (
     "removed", "lost", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
+_NOUNS: Final = frozenset({"inputs", "tasks", "segments", "frames", "packet_bytes", "bytes", "points"})
+_WORDS: Final = {
+    "finished": "finished before",
+    "other_settings": "with other settings",
+    "earlier_aside": "set aside earlier",
+    "lost": "without a table",
+}
+"""Words for numbers that are not called by their names."""
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
@@ -244,8 +252,7 @@ def _fill(result: dict[str, Any], outcome: Outcome, job: str) -> None:
 
 def _text(result: dict[str, Any]) -> str:
     """The result in lines: numbers that are not 0, and broken recordings."""
-    numbers = [f"{result[name]:,} {name.replace('_', ' ')}" for name in NUMBERS
-               if result[name] or name in ("inputs", "finished")]  # fmt: skip
+    numbers = [_counted(name, result[name]) for name in NUMBERS if result[name] or name in ("inputs", "finished")]
     numbers += [f"{number:,} removed by --repair: {name}" for name, number in result["repaired"].items()]
     numbers += [f"{len(result[name]):,} {said}" for name, said in _SAID.items() if result[name]]
     lines = [_line(row) for row in result["stats"]]
@@ -256,6 +263,16 @@ def _text(result: dict[str, Any]) -> str:
     )
 
 
+def _counted(name: str, number: int) -> str:
+    """A number with what it counts.
+
+    >>> _counted("inputs", 1), _counted("packet_bytes", 2000), _counted("finished", 0)
+    ('1 input', '2,000 packet bytes', '0 finished before')
+    """
+    words = _WORDS.get(name, name.replace("_", " "))
+    return f"{number:,} {words.removesuffix('s') if number == 1 and name in _NOUNS else words}"
+
+
 def _line(row: dict[str, Any]) -> str:
     """Numbers of a vehicle, a sensor and a codec in a line."""
     hours = (row["last_ns"] - row["first_ns"]) / 3.6e12
@@ -263,6 +280,6 @@ def _line(row: dict[str, Any]) -> str:
     ratio = f", {packets / size:.1f} times smaller" if packets and size else ""
     bound = "" if row["bound_m"] is None else f", within {row['bound_m'] * 100:g} cm"
     return (
-        f"{row['vehicle']}/{row['sensor']} {row['codec']}: {row['segments']:,} segments, {row['frames']:,} frames "
-        f"within {hours:.1f} h, {size / 1e9:.3f} GB{ratio}{bound}"
+        f"{row['vehicle']}/{row['sensor']} {row['codec']}: {_counted('segments', row['segments'])}, "
+        f"{_counted('frames', row['frames'])} within {hours:.1f} h, {size / 1e9:.3f} GB{ratio}{bound}"
     )
