@@ -50,7 +50,7 @@ Time = Annotated[
 ]
 NO_SUCH: dict[int | str, dict[str, Any]] = {
     404: {"description": "The server has no archive, or the archive no such segment."},
-    507: {"description": "The archive is damaged there, or there is no room for a copy of the segment."},
+    507: {"description": "The archive is damaged there, or the server has no room or no working disk for a copy."},
 }
 
 
