@@ -12,9 +12,14 @@ pytest.importorskip("distributed", reason="needs the extra cluster")
 from distributed import LocalCluster
 
 from lidarcodec.archive.engines import dask
-from lidarcodec.archive.tasks import Task
+from lidarcodec.archive.tasks import Ended, Task
 
 TASK = Task("cut", "key", "label", "/nowhere", "/nowhere", {"input": {}})
+
+
+def slow(task: Task) -> Ended:
+    time.sleep(0.5)
+    return Ended(task, "done")
 
 
 class NotThere:
@@ -38,7 +43,7 @@ def engine():
 
 def ended(engine):
     end_s = time.monotonic() + 30.0
-    while not (found := engine.ended(1.0)):
+    while not (found := engine.ended(0.2)):
         assert time.monotonic() < end_s
     return found[0]
 
@@ -51,3 +56,14 @@ def test_as_many_tasks_are_handed_out_as_can_run_and_a_worker_without_the_packag
     engine.submit(TASK)
     found = ended(engine)
     assert (found.how, "lidarcodec_is_not_there" in found.why) == ("missing", True)
+
+
+def test_the_thread_of_a_late_task_gets_no_other_until_it_ends(engine, monkeypatch):
+    monkeypatch.setattr(dask, "work", slow)
+    engine._timeout_s = 0.1
+    engine.submit(TASK)
+    assert (ended(engine).how, engine.slots) == ("late", 1)
+    engine._timeout_s = 30.0
+    time.sleep(0.5)
+    engine.submit(TASK)
+    assert (ended(engine).how, engine.slots) == ("done", 2)

@@ -33,7 +33,7 @@ class DaskEngine:
     """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. When a worker dies, Dask itself runs its
     tasks again on another one.
 
-    timeout_s: a task that takes longer is given up; Dask cannot interrupt it
+    timeout_s: a task that takes longer is given up. Dask cannot interrupt it: until it ends, its thread gets no other
     """
 
     def __init__(self, address: str, timeout_s: float) -> None:
@@ -48,12 +48,13 @@ class DaskEngine:
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None
-        # a task for each thread, and no more, because the time of a task counts from here
-        self.slots = max(1, sum(self._client.nthreads().values()))
+        # a task for each thread, and no more, because the time of a task counts from when it is handed out
+        self._threads = self.slots = max(1, sum(self._client.nthreads().values()))
         self._timeout_s, self._address = timeout_s, address
         self._seen_s = time.monotonic()
         self._done: SimpleQueue[Any] = SimpleQueue()
         self._running: dict[Any, tuple[Task, float]] = {}
+        self._late: set[Any] = set()
 
     def submit(self, task: Task) -> None:
         self._check()
@@ -69,14 +70,16 @@ class DaskEngine:
             while future is not None:
                 if future in self._running:
                     found.append(self._end(future))
+                self._late.discard(future)
                 future = self._done.get_nowait()
         except Empty:
             pass
         for future, (task, begun_s) in list(self._running.items()):
             if time.monotonic() - begun_s > self._timeout_s:
                 del self._running[future]
-                future.cancel()
+                self._late.add(future)
                 found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
+        self.slots = max(1, self._threads - len(self._late))
         return found
 
     def _check(self) -> None:
@@ -99,7 +102,8 @@ class DaskEngine:
         return Ended(task, "missing", why=f"a worker cannot do it: {type(error).__name__}: {error}"[:1000])
 
     def close(self) -> None:
-        for future in self._running:
+        for future in (*self._running, *self._late):
             future.cancel()
         self._running.clear()
+        self._late.clear()
         self._client.close()
