@@ -29,10 +29,9 @@ MOST_RETURNS: Final = 30_000
 FOUND: Final = 0.3
 """Least share of a scan's returns that lie in the map at a pose that was not known before."""
 KEPT: Final = 0.15
-"""The same at a pose that follows from the last one. Measured shares are in docs/guides/maps.md."""
+"""The same at a pose that follows from the last one."""
 OF_USUAL: Final = 0.6
-"""It is also at least this part of what was usual so far, because dense maps have more than thin ones. Measured: of
-what is usual at the right place, at most 0.6 lie in the map at wrong places of a town."""
+"""It is also at least this part of what was usual so far, because dense maps have more than thin ones."""
 FORGETTING: Final = 0.05
 """Weight of the last scan in what is usual."""
 MOST_SIGMA_M: Final = 0.5

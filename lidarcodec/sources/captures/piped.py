@@ -30,7 +30,7 @@ class PipedCapture(CaptureSource):
         self.live = True
 
     def finish(self) -> None:
-        """Nothing: whoever opened the pipe ends it, and `packets` gives what has come by then."""
+        """Nothing: the program that opened the pipe ends it, and `packets` gives what has come by then."""
 
     def _check(self) -> Path | None:
         return None  # nothing lies beside a pipe
