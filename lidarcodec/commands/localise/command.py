@@ -19,7 +19,9 @@ from lidarcodec.commands.signatures.common import (
     FrameCount,
     Listen,
     ModelName,
+    ReceiverName,
     SkipCount,
+    UntilEnd,
     ZenohConfig,
     of_model,
 )
@@ -58,13 +60,8 @@ def localise(
     ] = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,
-    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")] = False,
-    receiver: Annotated[
-        str | None,
-        Option(
-            "--receiver", metavar="NAME", help="Name in reports to the vehicle. Default: the name in --zenoh-config."
-        ),
-    ] = None,
+    until_end: UntilEnd = False,
+    receiver: ReceiverName = None,
     calibration: CalibrationFile = None,
     model: ModelName = None,
     connect: Connect = None,

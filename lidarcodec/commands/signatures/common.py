@@ -93,6 +93,11 @@ ZenohConfig = Annotated[
     Path | None,
     Option("--zenoh-config", metavar="FILE", help="Zenoh configuration file (JSON5). It is used unchanged."),
 ]
+UntilEnd = Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")]
+ReceiverName = Annotated[
+    str | None,
+    Option("--receiver", metavar="NAME", help="Name in reports to the vehicle. Default: the name in --zenoh-config."),
+]
 DatabasePassword = Annotated[
     Path | None, Option("--database-password-file", metavar="FILE", help="File with the password for --database-url.")
 ]

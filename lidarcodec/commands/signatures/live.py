@@ -22,6 +22,8 @@ from lidarcodec.commands.signatures.common import (
     MountText,
     Pairs,
     PosesOf,
+    ReceiverName,
+    UntilEnd,
     WithClouds,
     ZenohConfig,
     of_model,
@@ -206,13 +208,8 @@ def subscribe(
         Option("--refine", help="Take refinements of a stream with base_error_m: exact packets, up to a frame later."),
     ] = False,
     frames: FrameCount = None,
-    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")] = False,
-    receiver: Annotated[
-        str | None,
-        Option(
-            "--receiver", metavar="NAME", help="Name in reports to the vehicle. Default: the name in --zenoh-config."
-        ),
-    ] = None,
+    until_end: UntilEnd = False,
+    receiver: ReceiverName = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
