@@ -22,7 +22,7 @@ from lidarcodec.layers.sectors import SECTORS
 from lidarcodec.settings import MAX_BOUND_M, step_of
 from lidarcodec.units import MAX_COLUMNS
 from lidarcodec.wire.checksum import checked_body, with_checksum
-from lidarcodec.wire.header import CHECKSUM_BYTES, MAX_MESSAGE
+from lidarcodec.wire.header import CHECKSUM_BYTES, MAX_MESSAGE, check_version
 
 MAGIC: Final = b"\x93LDR"
 MAJOR: Final = 1
@@ -31,7 +31,6 @@ HEAD: Final = struct.Struct("<4sBBBBIIQqQHHHHI")
 PART_RANGE: Final = 1
 PART_INTENSITY: Final = 2
 MAX_STEP: Final = step_of(MAX_BOUND_M)
-_VERSION_BYTES: Final = 5
 
 
 class Refinement(NamedTuple):
@@ -78,14 +77,7 @@ def peek_refinement(data: bytes) -> Refinement:
 
     Raises HeaderError, UnsupportedVersionError or TruncatedError. Checks the limits of the fields, not the checksum.
     """
-    if data[:4] != MAGIC[: len(data)]:
-        raise HeaderError(f"not a refinement: it begins with {data[:4].hex(' ')}, not {MAGIC.hex(' ')}")
-    if len(data) < _VERSION_BYTES:
-        raise TruncatedError(f"a refinement of {len(data)} bytes ends within its version", len(data))
-    if data[4] != MAJOR:
-        raise UnsupportedVersionError(
-            f"refinement of format version {data[4]}: this build reads version {MAJOR}; update the older side", 4
-        )
+    check_version(data, magic=MAGIC, major=MAJOR, what="refinement")
     if len(data) < HEAD.size:
         raise TruncatedError(f"a refinement of {len(data)} bytes ends within its {HEAD.size}-byte header", len(data))
     (_, _, _, sector, parts, total, base, stream, stamp, index, base_step, step, turn, columns, ranges) = (

@@ -102,19 +102,19 @@ def header_bytes_of(message: Message, total_bytes: int) -> bytes:
     )  # fmt: skip
 
 
-def check_version(data: bytes) -> None:
-    """Check magic and major version, which have the same place in every version.
+def check_version(data: bytes, *, magic: bytes = MAGIC, major: int = MAJOR, what: str = "message") -> None:
+    """Check magic and major version, which have the same place in every version, of messages and of refinements.
 
     Raises HeaderError if the bytes are not a message, UnsupportedVersionError for another major version, and
     TruncatedError.
     """
-    if data[:4] != MAGIC[: len(data)]:
-        raise HeaderError(f"not a message: it begins with {data[:4].hex(' ')}, not {MAGIC.hex(' ')}")
+    if data[:4] != magic[: len(data)]:
+        raise HeaderError(f"not a {what}: it begins with {data[:4].hex(' ')}, not {magic.hex(' ')}")
     if len(data) < _VERSION_BYTES:
-        raise TruncatedError(f"a message of {len(data)} bytes ends within its version", len(data))
-    if data[4] != MAJOR:
+        raise TruncatedError(f"a {what} of {len(data)} bytes ends within its version", len(data))
+    if data[4] != major:
         raise UnsupportedVersionError(
-            f"message of format version {data[4]}: this build reads version {MAJOR}; update the older side", 4
+            f"{what} of format version {data[4]}: this build reads version {major}; update the older side", 4
         )
 
 
