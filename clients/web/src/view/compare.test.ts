@@ -1,5 +1,6 @@
 import { describe, expect, test } from "vitest";
-import { compared, ErrorScale, millimetres } from "./compare";
+import { Comparing, compared, ErrorScale, millimetres } from "./compare";
+import type { RangeFrame } from "./stream/frame";
 
 const pair = (range: number[], original: number[]) => ({
   range: Uint16Array.from(range),
@@ -60,4 +61,19 @@ test("a few large errors do not hide how large the others are", () => {
 
 test("lengths are written as people say them", () => {
   expect([0, 0.5, 2, 9.996, 20, 1250].map(millimetres)).toEqual(["0 mm", "0.5 mm", "2 mm", "10 mm", "20 mm", "1.3 m"]);
+});
+
+test("a comparison waits for the next original for a while, and a stream without originals is said to have none", () => {
+  const comparing = new Comparing();
+  const alone = { ...pair([100], [100]), original: null } as unknown as RangeFrame;
+  const both = pair([100], [140]) as unknown as RangeFrame;
+  comparing.opened(0);
+  expect(comparing.passes(alone, 10)).toBe(true);
+  expect([comparing.lacksOriginals(3000), comparing.lacksOriginals(3001)]).toEqual([false, true]);
+  expect(comparing.passes(both, 4000)).toBe(true);
+  comparing.take(both);
+  expect([comparing.now?.max_mm, comparing.scale.mm]).toEqual([80, 100]);
+  expect([comparing.passes(alone, 6999), comparing.passes(alone, 7000)]).toEqual([false, true]);
+  comparing.take(null);
+  expect([comparing.now, comparing.lacksOriginals(7000)]).toEqual([null, true]);
 });

@@ -80,6 +80,41 @@ export class ErrorScale {
   }
 }
 
+/** How long a comparison stays without a new original. */
+const PATIENCE_MS = 3000;
+const WAIT_FOR_ORIGINALS_MS = 3000;
+
+/** The comparison that a view shows, frame by frame. Times are of one clock that runs on. */
+export class Comparing {
+  /** Of the last frame; null if it is not compared. */
+  now: Comparison | null = null;
+  readonly scale = new ErrorScale();
+  #pairedAt = 0;
+  #opened = 0;
+
+  opened(now: number): void {
+    this.#opened = now;
+  }
+
+  /** Whether to show this frame: without its original the picture would jump between two views and one. */
+  passes(frame: RangeFrame, now: number): boolean {
+    if (this.now && !frame.original && now - this.#pairedAt < PATIENCE_MS) return false;
+    if (frame.original) this.#pairedAt = now;
+    return true;
+  }
+
+  /** Compare this frame; null if none is to be compared. */
+  take(frame: RangeFrame | null): void {
+    this.now = frame && compared(frame);
+    if (this.now) this.scale.take(this.now);
+  }
+
+  /** Whether frames come, but no original with them. */
+  lacksOriginals(now: number): boolean {
+    return !this.now && now - this.#opened > WAIT_FOR_ORIGINALS_MS;
+  }
+}
+
 /** Millimetres for people: `0.84 mm`, `12 mm`, `1.3 m`. */
 export function millimetres(value: number): string {
   if (value >= 1000) return `${(value / 1000).toFixed(1)} m`;

@@ -1,7 +1,7 @@
 /** The view of a stream: draws the frames of a source. It draws when there is something new (a frame, a movement, an
  * option), and at the screen's rate while something moves. */
 import { DecodingSource } from "../decode/source";
-import { type Comparison, compared, ErrorScale } from "./compare";
+import { Comparing } from "./compare";
 import { Camera, type Stand } from "./draw/camera";
 import { canvasIn, contextOf, sized } from "./draw/canvas";
 import { Controls } from "./draw/controls";
@@ -27,11 +27,9 @@ import { Tally } from "./stream/tally";
 import type { StreamName, View, ViewOptions, ViewStats } from "./types";
 
 const STATS_MS = 500;
-const WAIT_FOR_ORIGINALS_MS = 3000;
-/** How long a comparison stays without a new original. */
-const PATIENCE_MS = 3000;
 /** Longest time of a graphics card for one picture. */
 const QUICK_MS = 40;
+
 interface Waiting {
   frame: RangeFrame;
   sensor: SensorTable;
@@ -50,7 +48,7 @@ export class LiveView implements View, Sink {
   readonly #motion = new Motion();
   readonly #quality = new Quality();
   readonly #tally = new Tally();
-  readonly #scale = new ErrorScale();
+  readonly #comparing = new Comparing();
   readonly #resized: ResizeObserver;
   readonly #timer: number;
   readonly #scene: Scene;
@@ -62,12 +60,9 @@ export class LiveView implements View, Sink {
   #options: ViewOptions;
   #source: FrameSource | null = null;
   #stream: { stream: StreamName; token: string | undefined } | null = null;
-  #opened = 0;
   #widest = Number.POSITIVE_INFINITY;
   #tooWide = false;
-  #pairedAt = 0;
   #last: Waiting | null = null;
-  #comparison: Comparison | null = null;
   #request = 0;
   #before = 0;
   #dirty = true;
@@ -208,7 +203,7 @@ export class LiveView implements View, Sink {
 
   #connect(): void {
     if (!this.#stream || !this.#gl) return;
-    this.#opened = performance.now();
+    this.#comparing.opened(performance.now());
     const { compare, decodeInBrowser, fillGaps } = this.#options;
     const Source = decodeInBrowser && !compare ? DecodingSource : CloudSocket; // the originals come decoded only
     this.#source = new Source({ ...this.#stream, original: compare, fill: fillGaps }, this);
@@ -233,7 +228,7 @@ export class LiveView implements View, Sink {
 
   #clear(): void {
     this.#renderer?.layers.clear();
-    this.#last = this.#comparison = null;
+    this.#last = this.#comparing.now = null;
     this.#measure.clear();
     this.#ground.reset();
     this.#motion.reset();
@@ -309,9 +304,7 @@ export class LiveView implements View, Sink {
     for (const one of this.#waiting) {
       const { frame, sensor } = one;
       if (this.#last && this.#last.frame.streamId !== frame.streamId) this.#clear();
-      // without its original the picture would jump between two views and one
-      if (this.#comparison && !frame.original && now - this.#pairedAt < PATIENCE_MS) continue;
-      if (frame.original) this.#pairedAt = now;
+      if (!this.#comparing.passes(frame, now)) continue;
       this.#tooWide = frame.columns > this.#widest;
       if (this.#tooWide) continue;
       this.#renderer?.push(frame, sensor, this.#options.compare ? 0 : this.#options.trail);
@@ -321,26 +314,20 @@ export class LiveView implements View, Sink {
       taken = true;
       if (this.#tally.frames === 0) window.setTimeout(() => this.#report());
       const aheadMs = this.#source?.clockAheadMs ?? 0;
-      this.#tally.shown(
-        frame,
-        this.#renderer?.layers ?? { points: frame.returns, madeUp: frame.madeUp },
-        now,
-        Date.now() + aheadMs,
-      );
+      const drawn = this.#renderer?.layers ?? { points: frame.returns, madeUp: frame.madeUp };
+      this.#tally.shown(frame, drawn, now, Date.now() + aheadMs);
     }
     if (!taken || !this.#last) return false;
     this.#scene.map?.move(this.#motion.known ? this.#motion.pose : null, now);
     this.#camera.heading = this.#motion.turned();
-    this.#comparison = this.#options.compare ? compared(this.#last.frame) : null;
-    if (this.#comparison) this.#scale.take(this.#comparison);
+    this.#comparing.take(this.#options.compare ? this.#last.frame : null);
     return true;
   }
 
   /** Resize the canvas to its shown size. False while it is hidden. */
   #size(): boolean {
-    const ratio = this.#quality.ratio(window.devicePixelRatio || 1);
-    this.#scene.ratio = ratio;
-    return sized(this.#canvas, this.host, ratio);
+    this.#scene.ratio = this.#quality.ratio(window.devicePixelRatio || 1);
+    return sized(this.#canvas, this.host, this.#scene.ratio);
   }
 
   /** Draw now: in this task of the browser the canvas can be read. The last frame, null if nothing can be drawn. */
@@ -357,8 +344,9 @@ export class LiveView implements View, Sink {
     const { colour, pointSize, rangeImage } = this.#options;
     scene.colour = colour;
     scene.pointSize = pointSize * scene.ratio;
-    scene.compare = this.#comparison !== null;
-    scene.error_mm = this.#scale.mm;
+    const { now: comparison, scale } = this.#comparing;
+    scene.compare = comparison !== null;
+    scene.error_mm = scale.mm;
     scene.rangeImage = rangeImage;
     scene.ground = this.#ground.z;
     scene.pose = this.#motion.known ? this.#motion.pose : null;
@@ -368,13 +356,12 @@ export class LiveView implements View, Sink {
     this.#guests.settle(this.#seat(), scene.theme);
     renderer.draw(this.#camera, scene);
     if (this.#film?.running) this.#film.add(this.#canvas, this.#last?.frame.stampMs);
-    const pane = renderer.panes(scene)[0];
     const upright = scene.compare && this.#canvas.height > this.#canvas.width;
     this.#measure.draw(renderer, this.#camera, scene);
-    this.#overlay.strip((pane?.image?.high ?? 0) / scene.ratio);
+    this.#overlay.strip((renderer.panes(scene)[0]?.image?.high ?? 0) / scene.ratio);
     this.#overlay.scale(this.#last ? colour : null, scene.theme);
     this.#overlay.made(renderer.layers.points, renderer.layers.madeUp);
-    this.#overlay.compare(this.#comparison, this.#scale.mm, scene.theme, upright);
+    this.#overlay.compare(comparison, scale.mm, scene.theme, upright);
   }
 
   /** Where the chosen stream is. */
@@ -386,9 +373,10 @@ export class LiveView implements View, Sink {
 
   #report(): void {
     const now = performance.now();
-    if (this.#renderer) this.#overlay.message(this.#tooWide ? TOO_WIDE : this.#lacksOriginals(now) ? NO_ORIGINALS : "");
     const source = this.#source;
     const stats = this.#tally.stats(now);
+    const unpaired = this.#options.compare && this.#last && !stats.stale && this.#comparing.lacksOriginals(now);
+    if (this.#renderer) this.#overlay.message(this.#tooWide ? TOO_WIDE : unpaired ? NO_ORIGINALS : "");
     const gpuBytes = (this.#renderer?.bytes ?? 0) + this.#guests.bytes;
     const main = { ...this.#seat(), points: stats.points };
     const all = this.#guests.report(main, this.#scene, this.#renderer, this.#overlay.legend, now);
@@ -403,14 +391,9 @@ export class LiveView implements View, Sink {
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
       note: source?.note ?? this.#scene.map?.note ?? null,
       alive: source?.alive ?? null,
-      comparison: this.#comparison,
+      comparison: this.#comparing.now,
       gpuBytes,
     });
     if (this.#film?.running) this.#wake(); // its caption changes also while no frame comes
-  }
-
-  #lacksOriginals(now: number): boolean {
-    if (!this.#options.compare || !this.#last || this.#comparison || this.#tally.stats(now).stale) return false;
-    return now - this.#opened > WAIT_FOR_ORIGINALS_MS;
   }
 }
