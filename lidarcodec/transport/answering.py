@@ -55,8 +55,8 @@ def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[by
             if isinstance(error, TooOftenError):
                 out["retry_s"] = math.ceil(error.retry_s * 1000) / 1000
         except Exception:
-            logger.exception("a control query failed")
-            out = {"error": "internal error; the publisher's log has the details", "field": None}
+            logger.exception("a query failed")
+            out = {"error": "internal error; the log of the program that answers has the details", "field": None}
         return json.dumps(out).encode()
 
     return handle
