@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from lidarcodec.commands.localise.progress import Progress
 from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
 from lidarcodec.errors import SettingsError, TransportError
@@ -67,12 +67,10 @@ class Asked:
         """`--start` as numbers. Raises SettingsError."""
         if self.start is None:
             return None
-        try:
-            x, y, yaw = map(float, self.start.split(","))
-        except ValueError:
-            x = y = yaw = math.nan
-        if not all(math.isfinite(number) and abs(number) < 1e8 for number in (x, y, yaw)):
-            raise SettingsError(f"--start {self.start}: write X,Y,YAW in metres and degrees, as in 12.5,-3,90", "start")
+        form = "X,Y,YAW in metres and degrees, as in 12.5,-3,90"
+        x, y, yaw = numbers_of("--start", self.start, form, 3)
+        if max(abs(x), abs(y), abs(yaw)) >= 1e8:
+            raise SettingsError(f"--start {self.start}: write {form}", "start")
         return x, y, yaw
 
     def check(self) -> None:

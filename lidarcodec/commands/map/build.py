@@ -12,6 +12,7 @@ import numpy as np
 
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.commands.sources import check_finite, check_not_input, check_recorded
 from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, moved
@@ -85,13 +86,9 @@ def placed(origin: str | None) -> tuple[Matrix, MapFrame]:
     """T_map_world (4, 4) and the frame of the map for `--origin`. Raises SettingsError."""
     if origin is None:
         return np.eye(4), MapFrame()
-    try:
-        latitude, longitude, heading = map(float, origin.split(","))
-    except ValueError:
-        raise SettingsError(
-            f"--origin {origin}: write LAT,LON,HEADING in degrees, as in 49.01,8.43,90", "origin"
-        ) from None
-    if not (LATITUDES[0] <= latitude <= LATITUDES[1] and abs(longitude) <= 180 and math.isfinite(heading)):
+    form = "LAT,LON,HEADING in degrees, as in 49.01,8.43,90"
+    latitude, longitude, heading = numbers_of("--origin", origin, form, 3)
+    if not (LATITUDES[0] <= latitude <= LATITUDES[1] and abs(longitude) <= 180):
         raise SettingsError(f"--origin {origin}: UTM covers latitudes -80 to 84 and longitudes -180 to 180", "origin")
     east, north, zone, convergence = utm_of(latitude, longitude)
     T_map_world = np.eye(4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from lidarcodec.commands.map.build import check_map_name
 from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
 from lidarcodec.files.whole import beside, whole
 from lidarcodec.maps.served.answers import MapAnswers
@@ -67,12 +67,7 @@ class Wanted:
             if self.radius_m is not None:
                 raise SettingsError("--radius needs --around X,Y", "radius")
             return None
-        try:
-            x, y = map(float, self.around.split(","))
-        except ValueError:
-            x = y = math.nan
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise SettingsError(f"--around {self.around}: write X,Y in metres, as in 120,-40.5", "around")
+        x, y = numbers_of("--around", self.around, "X,Y in metres, as in 120,-40.5", 2)
         return Around(x, y, 200.0 if self.radius_m is None else self.radius_m)
 
 

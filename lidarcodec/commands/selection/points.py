@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.mounting import transform_of, vehicle_pose
@@ -91,19 +92,9 @@ class Placing:
         return np.asarray(self._T_first_world @ frame.pose, np.float64)
 
 
-def _numbers(name: str, text: str, form: str, counts: tuple[int, ...]) -> list[float]:
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
-        raise SettingsError(f"{name} {text}: write {form}", name.lstrip("-"))
-    return numbers
-
-
 def _region(text: str) -> Matrix:
     form = "XMIN,YMIN,XMAX,YMAX or XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX in metres"
-    numbers = _numbers("--region", text, form, (4, 6))
+    numbers = numbers_of("--region", text, form, 4, 6)
     if len(numbers) == 4:
         numbers = [numbers[0], numbers[1], -math.inf, numbers[2], numbers[3], math.inf]
     region = np.array(numbers).reshape(2, 3)
@@ -114,7 +105,7 @@ def _region(text: str) -> Matrix:
 
 def _transform(text: str) -> Matrix:
     form = "X,Y,Z,ROLL,PITCH,YAW in metres and degrees, or the 12 numbers of a 3 x 4 matrix, row by row"
-    numbers = _numbers("--transform", text, form, (6, 12))
+    numbers = numbers_of("--transform", text, form, 6, 12)
     if len(numbers) == 12:
         T = np.eye(4)
         T[:3] = np.array(numbers).reshape(3, 4)
