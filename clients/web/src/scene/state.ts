@@ -1,5 +1,6 @@
 /** What is in the picture beside the chosen stream: other streams, the box, and views that are saved. */
 import { computed, signal } from "@preact/signals";
+import { keyOf } from "../model/minute";
 import { type Poller, poll } from "../model/poll";
 import type { Stream } from "../model/wire";
 import { call, choose, chosen, nameOf, options, pathOf, setOptions, stream } from "../state";
@@ -55,7 +56,7 @@ export function viewNow(name: string, stand: Stand): SavedView | null {
   if (chosen.value === null) return null;
   const { colour, camera, pointSize, trail, rangeImage } = options.value;
   const look = { colour, camera, pointSize, trail, rangeImage };
-  const others = beside.value.map((one) => `${one.name.vehicle}/${one.name.sensor}`);
+  const others = beside.value.map(({ name: one }) => keyOf(one));
   return { name, stream: chosen.value, beside: others, stand, box: box.value, ...look };
 }
 

@@ -10,7 +10,10 @@ export const MOST_VIEWS = 30;
 export const LONGEST_NAME = 40;
 /** Characters of a view in a link. */
 export const LONGEST_LINK = 4000;
-const KEY = /^\.{0,63}[\w-][\w.-]{0,63}\/\.{0,63}[\w-][\w.-]{0,63}$/;
+const NAME = String.raw`\.{0,63}[\w-][\w.-]{0,63}`;
+/** A stream as vehicle/sensor, as a part of a regular expression. */
+export const KEY = `${NAME}/${NAME}`;
+const ONLY_KEY = new RegExp(`^${KEY}$`);
 const FIELDS = ["yaw", "pitch", "distance", "x", "y", "z"] as const;
 
 /** What of the options a view has. */
@@ -25,7 +28,7 @@ export interface SavedView extends Look {
   box: Box | null;
 }
 
-const isKey = (value: unknown): value is string => typeof value === "string" && KEY.test(value);
+const isKey = (value: unknown): value is string => typeof value === "string" && ONLY_KEY.test(value);
 const isNumber = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
 const within = (value: unknown, least: number, most: number, otherwise: number) =>
   isNumber(value) ? Math.min(Math.max(value, least), most) : otherwise;
