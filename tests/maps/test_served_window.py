@@ -12,10 +12,10 @@ from lidarcodec.maps.localise.localiser import Localiser
 from lidarcodec.maps.localise.search import find_pose
 from lidarcodec.maps.localise.served import served_tiles, served_windows
 from lidarcodec.maps.localise.window import MissingTilesError
-from lidarcodec.maps.served import sources
 from lidarcodec.maps.served.answers import HEAD, MapAnswers
 from lidarcodec.maps.served.manifest import KEY
 from lidarcodec.maps.served.shelf import MapShelf
+from lidarcodec.transport import asking
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.maps.test_localise import TOWN, off_m, scan_at, way
 from tests.transport.test_contract import eventually
@@ -37,9 +37,9 @@ class Town:
 
 @pytest.fixture
 def ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(sources, "ANSWER_S", 0.2)
-    monkeypatch.setattr(sources, "FIRST_WAIT_S", 0.02)
-    monkeypatch.setattr(sources, "LONGEST_WAIT_S", 0.05)
+    monkeypatch.setattr(asking, "ANSWER_S", 0.2)
+    monkeypatch.setattr(asking, "FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr(asking, "LONGEST_WAIT_S", 0.05)
     monkeypatch.setattr(served_module, "ANEW_S", 0.0)
     path = tmp_path / "town.lcmap"
     with path.open("w+b") as file:

@@ -7,7 +7,6 @@ trip, so they never hold a live message up for long. Every piece is checked by i
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
@@ -17,17 +16,16 @@ from typing import Any, Final
 
 from lidarcodec.apps.past.answers import HEAD, PART
 from lidarcodec.apps.past.plan import Clip, Plan
-from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording.pieces import Piece
 from lidarcodec.transport import Transport
+from lidarcodec.transport.asking import reason_of, retry_of, until_answered
 from lidarcodec.transport.part_size import PartSize
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 
-ANSWER_S: Final = 4.0
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 5.0
 FRESH_S: Final = 5.0
 """How long the newest pieces are waited for, after the vehicle has told of no new ones."""
 MAX_LIST_BYTES: Final = 1 << 20
@@ -166,7 +164,7 @@ class Fetch:
             told = _object(answer)
             if told.get("field") == "piece":
                 return None
-            raise SourceError(f"the vehicle refuses: {told.get('error', 'no reason')}")
+            raise SourceError(f"the vehicle refuses: {reason_of(told)}")
         if not HEAD.size < len(answer) <= HEAD.size + size:
             raise SourceError("the vehicle's answer makes no sense")
         waited_s = HEAD.unpack_from(answer)[1] / 1e6
@@ -182,27 +180,21 @@ class Fetch:
             told = _object(self._ask(question)[0])
             if "error" not in told:
                 return told
-            if not isinstance(told.get("retry_s"), int | float):
-                raise SourceError(f"the vehicle refuses: {told['error']}")
-            self._pause(min(max(float(told["retry_s"]), 0.05), LONGEST_WAIT_S))
+            retry_s = retry_of(told)
+            if retry_s is None:
+                raise SourceError(f"the vehicle refuses: {reason_of(told)}")
+            self._pause(retry_s)
 
     def _ask(self, question: dict[str, Any]) -> tuple[bytes, float]:
         """The answer, and how long it took in s. Waits until there is one."""
-        data, wait_s = json.dumps(question).encode(), FIRST_WAIT_S
-        while True:
-            self._check_going()
-            begin = time.monotonic()
-            try:
-                answer = self._transport().ask(self.clip.keys.past, data, ANSWER_S, beside=True)
-            except TransportError:
-                answer = None
-            if answer is not None:
-                self._moved_s, self.waiting = time.monotonic(), None
-                return answer, time.monotonic() - begin
-            self.waiting = "for the vehicle to answer"
-            self._parts.lost()
-            self._pause(wait_s)
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+        key = self.clip.keys.past
+        found = until_answered(self._transport, key, question, self._check_going, self._silent, self._pause)
+        self._moved_s, self.waiting = time.monotonic(), None
+        return found
+
+    def _silent(self) -> None:
+        self.waiting = "for the vehicle to answer"
+        self._parts.lost()
 
     def _pause(self, seconds: float) -> None:
         self._stop.wait(seconds)

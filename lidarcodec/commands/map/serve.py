@@ -20,9 +20,10 @@ from lidarcodec.maps.served.answers import MapAnswers
 from lidarcodec.maps.served.fetching import Around, MapFetch, write_fetched
 from lidarcodec.maps.served.manifest import KEY
 from lidarcodec.maps.served.shelf import MapShelf
-from lidarcodec.maps.served.sources import ANSWER_S, NetworkTiles, StoppedFetchError, maps_on
+from lidarcodec.maps.served.sources import NetworkTiles, StoppedFetchError, maps_on
 from lidarcodec.maps.served.stores import FolderPieces
 from lidarcodec.transport import Transport, open_transport
+from lidarcodec.transport.asking import ANSWER_S
 
 NO_LIMIT: Final = 1 << 62
 LIST_S: Final = 1.0

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.maps.served.answers import HEAD, PART
 from lidarcodec.maps.served.manifest import KEY, MAX_TILES, SUMMARY, Manifest, Piece, check_map_name, manifest_of
 from lidarcodec.maps.served.shelf import MAX_MAPS, ShelvedMap
 from lidarcodec.maps.served.stores import Pieces
 from lidarcodec.settings import is_name
 from lidarcodec.transport import Transport
+from lidarcodec.transport.asking import ANSWER_S, reason_of, retry_of, until_answered
 from lidarcodec.transport.base import MAX_EVENT_BYTES
 from lidarcodec.transport.part_size import PartSize
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 
-ANSWER_S: Final = 4.0
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 5.0
 MAX_WRONG: Final = 3
 """Most times that a tile may come with the wrong bytes."""
 MAX_CHANGES: Final = 10
@@ -191,7 +190,7 @@ class NetworkTiles:
             told = _object(answer)
             if told.get("field") == "tile":
                 raise ChangedMapError(f"map '{self.name}' has no tile {piece.tail} any more")
-            raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
+            raise SourceError(f"map '{self.name}' is refused: {reason_of(told)}")
         if not HEAD.size < len(answer) <= HEAD.size + size:
             raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' makes no sense")
         _, whole, at, digest = HEAD.unpack_from(answer)
@@ -211,31 +210,23 @@ class NetworkTiles:
             told = _object(self._ask(f"{KEY}/{self.name}", question)[0])
             if "error" not in told:
                 return told
-            retry_s = told.get("retry_s")
-            late = time.monotonic() - begun_s > self.patience_s
-            if late or not isinstance(retry_s, int | float) or isinstance(retry_s, bool):
-                raise SourceError(f"map '{self.name}' is refused: {_reason(told)}")
-            self._pause(min(max(float(retry_s), 0.05), LONGEST_WAIT_S))
+            retry_s = retry_of(told)
+            if retry_s is None or time.monotonic() - begun_s > self.patience_s:
+                raise SourceError(f"map '{self.name}' is refused: {reason_of(told)}")
+            self._pause(retry_s)
 
     def _ask(self, key: str, question: dict[str, Any], patience_s: float | None = None) -> tuple[bytes, float]:
         """The answer, and how long it took in s. Waits until there is one."""
-        data, wait_s = json.dumps(question).encode(), FIRST_WAIT_S
         begun_s = time.monotonic()
-        while True:
-            self._check_going(begun_s, self.patience_s if patience_s is None else patience_s)
-            asked_s = time.monotonic()
-            try:
-                answer = self._transport().ask(key, data, ANSWER_S, beside=True)
-            except TransportError as error:
-                logger.debug("%s", error)
-                answer = None
-            if answer is not None:
-                self._answered_s, self.waiting = time.monotonic(), None
-                return answer, time.monotonic() - asked_s
-            self.waiting = f"for somebody to serve map '{self.name}'"
-            self._parts.lost()
-            self._pause(wait_s)
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+        patience_s = self.patience_s if patience_s is None else patience_s
+        check = partial(self._check_going, begun_s, patience_s)
+        found = until_answered(self._transport, key, question, check, self._silent, self._pause)
+        self._answered_s, self.waiting = time.monotonic(), None
+        return found
+
+    def _silent(self) -> None:
+        self.waiting = f"for somebody to serve map '{self.name}'"
+        self._parts.lost()
 
     def _pause(self, seconds: float) -> None:
         if self._stop.wait(seconds):
@@ -300,8 +291,3 @@ def _tiles_of(page: dict[str, Any]) -> int:
 def _counted(page: dict[str, Any]) -> int:
     places = page.get("places")
     return len(places) if isinstance(places, list) else 0
-
-
-def _reason(told: dict[str, Any]) -> str:
-    """What the other side says, without characters that change a terminal."""
-    return "".join(sign if sign.isprintable() else " " for sign in str(told.get("error", "no reason"))[:200])

@@ -21,7 +21,7 @@ from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.piece_store import PieceStore
-from lidarcodec.transport import part_size
+from lidarcodec.transport import asking, part_size
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.memory import MemoryNetwork, MemoryTransport
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, kept, packets, ring
@@ -83,8 +83,8 @@ def near(network: MemoryNetwork) -> Iterator[MemoryTransport]:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fetch, "ANSWER_S", 0.3)
-    monkeypatch.setattr(fetch, "FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr(asking, "ANSWER_S", 0.3)
+    monkeypatch.setattr(asking, "FIRST_WAIT_S", 0.02)
     monkeypatch.setattr(fetch, "FRESH_S", 0.05)
     monkeypatch.setattr(part_size, "MIN_PART", 50_000)
 

@@ -8,7 +8,8 @@ from io import BytesIO
 import pytest
 
 from lidarcodec.maps.file import read_map, write_map
-from lidarcodec.maps.served import sources, tiles
+from lidarcodec.maps.served import tiles
+from lidarcodec.transport import asking
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.maps.towns import street
 
@@ -54,8 +55,8 @@ def ends():
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(sources, "ANSWER_S", 0.5)
-    monkeypatch.setattr(sources, "FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr(asking, "ANSWER_S", 0.5)
+    monkeypatch.setattr(asking, "FIRST_WAIT_S", 0.02)
     monkeypatch.setattr(tiles, "LOOK_S", 0.1)
     monkeypatch.setattr(tiles, "LEAST_S", 0.02)
     monkeypatch.setattr(tiles, "AGAIN_S", 0.1)
