@@ -25,7 +25,7 @@ MOST_DECODED: Final = 1_000_000
 MAX_BYTES: Final = 64 * 2**20
 
 
-class MapPoints:
+class TilePoints:
     """Points of tiles. Thread-safe."""
 
     def __init__(self) -> None:

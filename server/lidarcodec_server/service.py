@@ -20,7 +20,7 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.fleet.control import Control
 from lidarcodec_server.fleet.fleet import Fleet, Stream
 from lidarcodec_server.limits import Limits, SparseLog
-from lidarcodec_server.map_points import MapPoints
+from lidarcodec_server.map_points import TilePoints
 from lidarcodec_server.metrics.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
 from lidarcodec_server.refusals import Refusals
@@ -64,7 +64,7 @@ class Service:
         self.limits = Limits(config.changes_per_second, config.burst)
         self.refusals = Refusals(self.store)
         self.maps = MapShelf([] if config.maps is None else [config.maps])
-        self.map_points = MapPoints()
+        self.map_points = TilePoints()
         self.closing = ExitStack()
         self._transport: Transport | None = None
         self._given = transport

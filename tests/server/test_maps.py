@@ -141,7 +141,7 @@ def test_points_are_thinned_where_there_are_too_many(folder, monkeypatch):
 
     shelved = MapShelf([folder]).get("town")
     tile = shelved.manifest.tiles[0]
-    every = gzip.decompress(map_points.MapPoints().packed(shelved, tile))
+    every = gzip.decompress(map_points.TilePoints().packed(shelved, tile))
     monkeypatch.setattr(map_points, "MOST_DRAWN", len(every) // 12 // 3)
-    few = gzip.decompress(map_points.MapPoints().packed(shelved, tile))
+    few = gzip.decompress(map_points.TilePoints().packed(shelved, tile))
     assert len(every) // 4 - 12 <= len(few) <= len(every) // 3
