@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -29,6 +30,21 @@ def test_a_signal_that_was_swallowed_while_starting_still_stops(number: signal.S
     with stoppable(lambda: woken.append(True)) as stopped:
         assert stopped()
     assert woken == [True]
+
+
+def test_a_signal_in_the_middle_of_a_wait_does_not_hang_the_command() -> None:
+    """`wake` needs the lock that the main thread holds while it begins to wait, as `Event.set` does."""
+    lock, woken = threading.Lock(), threading.Event()
+
+    def wake() -> None:
+        with lock:
+            woken.set()
+
+    with stoppable(wake) as stopped:
+        with lock:
+            os.kill(os.getpid(), signal.SIGTERM)
+            assert stopped()
+        assert woken.wait(10.0)
 
 
 def test_without_a_signal_nothing_stops_and_a_new_start_has_forgotten() -> None:

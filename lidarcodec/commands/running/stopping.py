@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -11,6 +13,7 @@ from typing import Generic, TypeVar
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SAME_WISH_S = 1.0
+WAKE_S = 5.0
 Item = TypeVar("Item")
 
 
@@ -87,9 +90,18 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
     on a terminal passes on a signal that this process already got. The second one must not damage a file that is being
     completed.
 
-    wake: called at the first signal, to end a blocking read
+    wake: called at the first signal, in a thread of its own, to end a blocking read. The main thread may hold the very
+        lock that it needs: in `Event.wait`, for instance. It has returned, or WAKE_S have passed, when the block ends.
     """
     asked_s: float | None = None
+    woken = threading.Event()
+
+    def end_the_wait() -> None:
+        try:
+            if wake is not None:
+                wake()
+        finally:
+            woken.set()
 
     def ask(number: int, _frame: FrameType | None) -> None:
         nonlocal asked_s
@@ -100,7 +112,7 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
             return
         asked_s = time.monotonic()
         if wake is not None:
-            wake()
+            _thread.start_new_thread(end_the_wait, ())  # Thread.start would take a lock of `threading`
 
     already = stop_asked()
     before = [signal.signal(number, ask) for number in SIGNALS]
@@ -111,6 +123,8 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
     finally:
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
+        if asked_s is not None and wake is not None:
+            woken.wait(WAKE_S)
 
 
 class Watched(Generic[Item]):
