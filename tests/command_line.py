@@ -23,12 +23,24 @@ def environment(**more):
     """
     clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
     paths = [str(ROOT), str(ROOT / "server"), *filter(None, [clean.get("PYTHONPATH")])]
-    return clean | {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"} | more
+    return clean | {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": "1"} | more
+
+
+class Running(subprocess.Popen):
+    """A command that runs. If it does not end in time, the test fails with the stacks of its threads."""
+
+    def communicate(self, input=None, timeout=None):
+        try:
+            return super().communicate(input, timeout)
+        except subprocess.TimeoutExpired:
+            self.send_signal(signal.SIGABRT)
+            said = super().communicate(timeout=LIMIT_S)
+            raise AssertionError(f"{self.args} did not end within {timeout} s: {said}") from None
 
 
 def start(*words, variables=None, **options):
     """A command that runs; its output comes as text through pipes."""
-    return subprocess.Popen(
+    return Running(
         [*COMMAND, *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -112,7 +112,10 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
             return
         asked_s = time.monotonic()
         if wake is not None:
-            _thread.start_new_thread(end_the_wait, ())  # Thread.start would take a lock of `threading`
+            try:
+                _thread.start_new_thread(end_the_wait, ())  # Thread.start would take a lock of `threading`
+            except RuntimeError:  # no more threads
+                end_the_wait()
 
     already = stop_asked()
     before = [signal.signal(number, ask) for number in SIGNALS]
