@@ -52,10 +52,11 @@ BLOCK_NS = 24_000
 NEAR_ACROSS_M, NEAR_ALONG_M, FAR_M = 2.4, 1.93, 25.04
 
 
+Returns = Literal["first", "all"]
 BOTH_DTYPE = np.dtype([*CLOUD_DTYPE.descr, ("return_number", "u1")])
 
 
-def cloud_of(frame: Frame, returns: Literal["first", "all"] = "first") -> npt.NDArray[np.void]:
+def cloud_of(frame: Frame, returns: Returns = "first") -> npt.NDArray[np.void]:
     """Points of the frame's valid returns; of `all`, second returns too, and with a field `return_number`.
 
     (N,) CLOUD_DTYPE or BOTH_DTYPE of an HDL-64E; see `other_cloud` for other sensors.
@@ -84,9 +85,9 @@ def second_returns(frame: Frame) -> int:
     return int(np.count_nonzero(side.second.view(RETURN)["distance"])) if isinstance(side, SideInfo) else 0
 
 
-def second_returns_text(count: int) -> str:
-    """Says how many second returns an output lacks."""
-    return f'{count:,} second returns left out (in Python, Frame.cloud("all") has them)'
+def second_returns_text(count: int, remedy: str = "") -> str:
+    """Says how many second returns an output lacks. remedy: what would write them"""
+    return f"{count:,} second returns left out" + f" ({remedy} writes them)" * bool(remedy)
 
 
 def cloud_to_show(frame: Frame) -> npt.NDArray[np.void]:

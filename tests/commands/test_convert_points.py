@@ -5,6 +5,7 @@ import json
 import laspy
 import mcap.reader
 import numpy as np
+import pypcd4
 import pytest
 
 import lidarcodec
@@ -39,7 +40,8 @@ def points(path):
     """Rows of a binary PLY of ours."""
     head, _, body = path.read_bytes().partition(b"end_header\n")
     assert b"uchar intensity" in head
-    return np.frombuffer(body, NARROW)
+    further = [("return_number", "u1")] if b"return_number" in head else []
+    return np.frombuffer(body, np.dtype([*NARROW.descr, *further]))
 
 
 @pytest.mark.parametrize(
@@ -65,14 +67,52 @@ def test_scans_of_kitti_and_messages_of_points_are_sources_too(drive, tmp_path):
     assert found["points"] == clouds["points"] == len(laspy.read(tmp_path / "a.laz").points)
 
 
+DUAL = "sim:garage?sensor=vlp16&returns=dual&frames=2"
+
+
+def test_all_returns_are_written_with_their_number(tmp_path):
+    """A user of a dual sensor gets both returns of each beam, in every format that can say which is which."""
+    frames = list(lidarcodec.read_frames(DUAL))
+    both = np.concatenate([frame.cloud("all") for frame in frames])
+    for ending in ("ply", "pcd", "csv", "laz"):
+        found = done("convert", DUAL, tmp_path / f"a.{ending}", "--returns", "all")
+        assert found["points"] == len(both)
+        assert "second_returns_left_out" not in found
+    rows = points(tmp_path / "a.ply")
+    assert rows["return_number"].tolist() == both["return_number"].tolist()
+    assert np.array_equal(rows["x"], both["x"])
+    assert (
+        pypcd4.PointCloud.from_path(tmp_path / "a.pcd").pc_data["return_number"].tolist()
+        == rows["return_number"].tolist()
+    )
+    assert (tmp_path / "a.csv").read_text().splitlines()[-1].split(",")[-3] == "2"
+    las = laspy.read(tmp_path / "a.laz")
+    assert np.array_equal(las.return_number, both["return_number"])
+    second = int((both["return_number"] == 2).sum())
+    assert int((las.number_of_returns == 2).sum()) == 2 * second > 0
+    assert lidarcodec.write_frames(frames, tmp_path / "b.ply", returns="all") == len(both)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["scans", "a.e57", "a.npz"])
+def test_all_returns_are_refused_where_they_could_not_be_told_apart(tmp_path, name):
+    words = ("--as", "kitti") if name == "scans" else ()
+    refused = run_here("convert", DUAL, tmp_path / name, *words, "--returns", "all")
+    assert refused.returncode == 2
+    assert "--returns all" in the_one_line(refused) or "use .ply, .pcd, .las, .laz or .csv" in the_one_line(refused)
+    assert "choose one of first, all" in the_one_line(run_here("convert", DUAL, tmp_path / "a.ply", "--returns", "2"))
+
+
 def test_second_returns_that_are_left_out_are_counted(tmp_path, caplog):
-    spec = "sim:garage?sensor=vlp16&returns=dual&frames=2"
+    spec = DUAL
     frames = list(lidarcodec.read_frames(spec))
     second = sum(len(frame.cloud("all")) - len(frame.cloud()) for frame in frames)
     found = done("convert", spec, tmp_path / "a.ply")
     assert found["second_returns_left_out"] == second > 0
     said = run_here("convert", spec, tmp_path / "clouds.mcap", "--as", "clouds").stdout
-    assert f"points, {second:,} second returns left out (in Python," in said
+    assert said.rstrip().endswith(f"points, {second:,} second returns left out")
+    said = run_here("convert", spec, tmp_path / "c.ply").stdout
+    assert f"{second:,} second returns left out (--returns all writes them)" in said
     lidarcodec.write_frames(frames, tmp_path / "b.ply")
     assert f"b.ply: {second:,} second returns left out" in caplog.text
     for name in ("a.npz", "a.pcap"):

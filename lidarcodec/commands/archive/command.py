@@ -12,6 +12,7 @@ from lidarcodec.commands.results.archive import ArchiveGot, ArchivePushed, Archi
 from lidarcodec.commands.running.ending import FAILED
 from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import AsJson, CodecName, Force, Pairs
+from lidarcodec.commands.signatures.selecting import WhichReturns
 
 app = typer.Typer(
     help="Compress, find and fetch recordings of a fleet, in a folder or in object storage (s3:// gs:// az://).",
@@ -150,13 +151,14 @@ def get(
     where: Annotated[
         str | None, Option("--where", metavar="SQL", help="A condition on the table `frames` instead.")
     ] = None,
+    returns: WhichReturns = "first",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Fetch frames from an archive. Only the bytes that hold them are read."""
     from lidarcodec.commands.archive import get as command
 
-    command.run(archive, out, command.Which(vehicle, sensor, first, last, where), force, as_json)
+    command.run(archive, out, command.Which(vehicle, sensor, first, last, where), returns, force, as_json)
 
 
 @app.command()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -15,10 +16,11 @@ from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
 from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
-from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
+from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selection.points import Placing
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import Whole, check_free, whole
 from lidarcodec.recording import RecordingWriter
@@ -57,8 +59,13 @@ class Which(NamedTuple):
         return {"vehicle": self.vehicle, "sensor": self.sensor, "between": between, "where": self.where}
 
 
-def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> None:
-    """Fetch, decode and write. OUT appears when it is complete. Raises SourceError if there is no such frame."""
+def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_json: bool) -> None:
+    """Fetch, decode and write. OUT appears when it is complete.
+
+    returns: as for Placing.of
+    Raises SourceError if there is no such frame.
+    """
+    placing = Placing.of(None, None, merge=False, returns=returns)
     arguments = which.arguments()
     if which.where is not None:
         check_extra("--where")
@@ -66,14 +73,16 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
     if is_recording:
         check_free(out, force=force)
     else:
-        check_output(out, form_of(out, folder=FOLDER), force=force)
+        form = form_of(out, folder=FOLDER)
+        check_output(out, form, force=force)
+        check_returns(form, placing.returns)
     store = Archive(archive)
     with (
         stoppable() as stopped,
         progress("fetching") as tick,
         whole(out, force=force, contents=None if is_recording else contents_of(out)) as output,
     ):
-        write = _recording if is_recording else _frames
+        write = _recording if is_recording else partial(_frames, placing=placing)
         frames, cut = write(store, arguments, out, output, stopped, tick)
         if cut:
             raise StoppedError(f"stopped: {out} was not written")
@@ -81,7 +90,7 @@ def run(archive: str, out: Path, which: Which, force: bool, as_json: bool) -> No
 
 
 def _frames(
-    store: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick
+    store: Archive, arguments: dict[str, Any], out: Path, output: Whole, stopped: Stopped, tick: Tick, placing: Placing
 ) -> tuple[int, bool]:
     """Write decoded frames. Returns their number, and whether a signal ended it."""
     watched = Watched(store.decoded(**arguments), stopped)
@@ -91,12 +100,12 @@ def _frames(
     with opened(out, form, output.beside) as writer:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)
-            writer.write(frame, frame.cloud() if form.points else NO_CLOUD)
+            writer.write(frame, placing.points(frame) if form.points else NO_CLOUD)
             count += 1
-            second += second_returns(frame) if form.first_returns else 0
+            second += second_returns(frame) if form.first_returns and placing.returns == "first" else 0
             tick()
     if second:
-        log.warning("%s: %s", out, second_returns_text(second))
+        log.warning("%s: %s", out, second_returns_text(second, "--returns all" * form.numbered))
     return count, watched.cut
 
 

@@ -31,7 +31,7 @@ from lidarcodec.commands.signatures.common import (
     ZenohConfig,
     of_model,
 )
-from lidarcodec.commands.signatures.selecting import FromTime, Merge, Region, ToTime, Transform
+from lidarcodec.commands.signatures.selecting import FromTime, Merge, Region, ToTime, Transform, WhichReturns
 from lidarcodec.errors import SettingsError
 
 STREAM = "zenoh:"
@@ -64,6 +64,7 @@ def convert(
     region: Region = None,
     transform: Transform = None,
     merge: Merge = False,
+    returns: WhichReturns = "first",
     codec: CodecName = None,
     pairs: Pairs = None,
     with_clouds: WithClouds = False,
@@ -107,7 +108,7 @@ def convert(
     from lidarcodec.sources.mounts import Mounted
 
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
-    placing = Placing.of(region, transform, merge=merge)
+    placing = Placing.of(region, transform, merge=merge, returns=returns)
     if form == messages.FORM:
         for name, other in (("--from", begin), ("--to", end), ("--skip", skip), ("--frames", frames),
                             ("--codec", codec), ("--set", pairs), ("--calibration", calibration), ("--poses", poses),

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD, Output
-from lidarcodec.commands.outputs.table import Form, check_output, contents_of, opened
+from lidarcodec.commands.outputs.table import Form, check_output, check_returns, contents_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
@@ -42,6 +42,7 @@ from lidarcodec.transport import Endpoints
 from lidarcodec.units import counted
 
 log = logging.getLogger(__name__)
+REMEDY: Final = "--returns all"
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Wanted:
         given = self.placing.given
         if given and not self.form.points:
             raise SettingsError(f"{given}: only for points, but {self.form.name} holds packets, images or messages")
+        check_returns(self.form, self.placing.returns)
         if self.placing.merge and contents_of(self.out) is not None:
             raise SettingsError("--merge puts all frames into one file: give OUT an ending, such as .ply", "merge")
         check_output(self.out, self.form, force=self.force)
@@ -248,7 +250,7 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     written.frames += 1
     written.points += len(cloud) if wanted.form.points else frame.points
     written.positions += positions_in(frame)
-    if wanted.form.first_returns:
+    if wanted.form.first_returns and wanted.placing.returns == "first":
         written.second_returns += second_returns(frame)
 
 
@@ -267,5 +269,5 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     files = f", a file for each ({wanted.form.name})" if folder else ""
     text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
-        text += f", {second_returns_text(written.second_returns)}"
+        text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"
     tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)

@@ -20,6 +20,8 @@ NARROW: Final = np.dtype(
      ("t", "<f8")]
 )  # fmt: skip
 """A point with what all formats of points hold; `t` in seconds since the first point of the output."""
+RETURN_NUMBER: Final = "return_number"
+"""Field of a cloud and of rows where all returns are asked for: 1 or 2."""
 WIDE: Final = np.dtype([(name, "<u2" if name == "intensity" else NARROW[name].str) for name in NARROW.names or ()])
 """The same with intensities of 16 bits."""
 
@@ -46,7 +48,7 @@ def is_wide(frame: Frame, cloud: Cloud) -> bool:
 class Rows:
     """Turns clouds into rows of one type: that of the first frame, whose sensor says how wide intensities are.
 
-    dtype: NARROW or WIDE, known after the first frame
+    dtype: NARROW or WIDE, known after the first frame; with RETURN_NUMBER if the clouds have it
     """
 
     def __init__(self, ending: str) -> None:
@@ -63,6 +65,8 @@ class Rows:
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
             self.dtype = WIDE if is_wide(frame, cloud) else NARROW
+            if RETURN_NUMBER in (cloud.dtype.names or ()):
+                self.dtype = np.dtype([*self.dtype.descr, (RETURN_NUMBER, "u1")])
         rows = np.empty(len(cloud), self.dtype)
         for name in ("x", "y", "z", "laser", "ring"):
             rows[name] = cloud[name]
@@ -78,5 +82,7 @@ class Rows:
                 f"the number of frame {frame.index} is too large for {self._ending}: write .npz or .pcap"
             )
         rows["frame"] = frame.index
+        if RETURN_NUMBER in (self.dtype.names or ()):
+            rows[RETURN_NUMBER] = cloud[RETURN_NUMBER]
         rows["t"] = (cloud["t_ns"] - self._start_ns) * 1e-9
         return rows

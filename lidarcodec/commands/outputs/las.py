@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.commands.outputs.base import Cloud, is_wide
+from lidarcodec.commands.outputs.base import RETURN_NUMBER, Cloud, is_wide
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 
@@ -32,6 +32,17 @@ def gps_seconds(stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
     ahead = np.searchsorted(np.array(LEAP_SECONDS) * 10**9, stamp_ns, side="right")
     whole = stamp_ns // 10**9 - GPS_EPOCH_S - ADJUSTED_S + ahead
     return whole + (stamp_ns % 10**9) * 1e-9
+
+
+def returns_of_beams(cloud: Cloud, number: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """(N,) uint8, how many points the beam of each point gave. A beam is a laser at a time.
+
+    number: (N,) which return of its beam a point is
+    """
+    beams = np.zeros(len(cloud), [("t_ns", "i8"), ("laser", "i4")])
+    beams["t_ns"], beams["laser"] = cloud["t_ns"], cloud["laser"]
+    twice: npt.NDArray[np.bool_] = np.isin(beams, beams[number == 2])
+    return np.where(twice, 2, 1).astype(np.uint8)
 
 
 class LasOutput:
@@ -66,8 +77,8 @@ class LasOutput:
         points.user_data = cloud["ring"]
         points.point_source_id = cloud["laser"].astype(np.uint16)
         points.gps_time = gps_seconds(cloud["t_ns"])
-        points.return_number = np.ones(len(cloud), np.uint8)
-        points.number_of_returns = np.ones(len(cloud), np.uint8)
+        number = cloud[RETURN_NUMBER] if RETURN_NUMBER in (cloud.dtype.names or ()) else np.ones(len(cloud), np.uint8)
+        points.return_number, points.number_of_returns = number, returns_of_beams(cloud, number)
         self._writer.write_points(points)
 
     def close(self) -> None:

@@ -31,6 +31,7 @@ class Form:
     ending: of its files;  made_by: module and class in this folder
     points: whether it holds points, which can be moved, cut and merged
     each: whether a folder can have a file for each frame
+    numbered: whether a point can say which return of its beam it is
     package, extra: what must be installed; empty if nothing
     """
 
@@ -39,12 +40,13 @@ class Form:
     made_by: str
     points: bool = True
     each: bool = True
+    numbered: bool = True
     package: str = ""
     extra: str = ""
 
     @property
     def first_returns(self) -> bool:
-        """Whether it holds the first return of each beam and no other one."""
+        """Whether it holds the first return of each beam alone, unless all are asked for."""
         return self.points or self.name == "clouds"
 
     @property
@@ -71,8 +73,8 @@ FORMS: Final = {
         Form("las", ".las", "las:LasOutput", package="laspy", extra="las"),
         Form("laz", ".laz", "las:LazOutput", package="lazrs", extra="las"),
         Form("csv", ".csv", "text:CsvOutput"),
-        Form("e57", ".e57", "e57:E57Output", package="pye57", extra="e57"),
-        Form("kitti", ".bin", "kitti:KittiScan"),
+        Form("e57", ".e57", "e57:E57Output", numbered=False, package="pye57", extra="e57"),
+        Form("kitti", ".bin", "kitti:KittiScan", numbered=False),
     )
 }
 ENDINGS: Final = tuple(dict.fromkeys(form.ending for form in FORMS.values() if not form.only_each))
@@ -117,6 +119,14 @@ def check_output(path: Path, form: Form, *, force: bool = False) -> None:
     if form.name != "pcap" and (path.is_fifo() or path.is_char_device()):
         raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can be written to it")
     check_free(path, force=force, contents=contents_of(path))
+
+
+def check_returns(form: Form, returns: str) -> None:
+    """Raise SettingsError if all returns are asked for and a point in this format cannot say which one it is."""
+    if returns == "all" and form.first_returns and not (form.points and form.numbered):
+        raise SettingsError(
+            f"all returns cannot be written as {form.name}: use .ply, .pcd, .las, .laz or .csv", "returns"
+        )
 
 
 def contents_of(path: Path) -> re.Pattern[str] | None:

@@ -14,9 +14,9 @@ from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 
-from lidarcodec.cloud import second_returns, second_returns_text
+from lidarcodec.cloud import Returns, second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
-from lidarcodec.commands.outputs.table import check_output, contents_of, form_of, opened
+from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame
@@ -24,18 +24,21 @@ from lidarcodec.frame import Frame
 log = logging.getLogger(__name__)
 
 
-def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = False) -> int:
+def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns = "first", force: bool = False) -> int:
     """Write frames as points or packets, in the format of the ending of `out`; returns the number of points.
 
     out: ends in .ply .pcd .las .laz .csv .e57 .npz (points), .mcap (clouds for viewers) or .pcap (packets); a folder
     gets a KITTI file for each frame. It appears when it is complete. force: replace it if it exists
-    Points are first returns; if there are second ones, a warning of `logging` counts them.
-    Raises SettingsError for another ending or an output that exists, MissingExtraError if the format needs a library
-    that is not installed, SourceError if there are no frames, OSError if the file cannot be written.
+    returns: the first return of each beam, or all; second returns that are left out are counted in a warning of
+    `logging`
+    Raises SettingsError for another ending, an output that exists or a format without a field for
+    the number of a return, MissingExtraError if the format needs a library that is not installed, SourceError if there
+    are no frames, OSError if the file cannot be written.
     """
     path = Path(out)
     form = form_of(path, folder="kitti")
     check_output(path, form, force=force)
+    check_returns(form, returns)
     rest = iter(frames)
     first = next(rest, None)
     if first is None:
@@ -43,10 +46,10 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, force: bool = Fals
     points = second = 0
     with whole(path, force=force, contents=contents_of(path)) as output, opened(path, form, output.beside) as writer:
         for frame in chain((first,), rest):
-            cloud = frame.cloud() if form.points else NO_CLOUD
+            cloud = frame.cloud(returns) if form.points else NO_CLOUD
             writer.write(frame, cloud)
             points += len(cloud) if form.points else frame.points
-            second += second_returns(frame) if form.first_returns else 0
+            second += second_returns(frame) if form.first_returns and returns == "first" else 0
     if second:
         log.warning("%s: %s", path, second_returns_text(second))
     return points

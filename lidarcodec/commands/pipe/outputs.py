@@ -14,6 +14,7 @@ from typing import IO, Final, Protocol
 import numpy as np
 
 from lidarcodec.assembly import packets_of
+from lidarcodec.cloud import second_returns
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import layout_of
@@ -113,10 +114,10 @@ class Captured:
 
 
 class Clouds:
-    """The points of frames. points: written so far"""
+    """The points of frames, of first returns. points: written so far;  second: second returns left out"""
 
     def __init__(self, out: Counting) -> None:
-        self._out, self.points, self._warned = out, 0, False
+        self._out, self.points, self.second, self._warned = out, 0, 0, False
 
     def write(self, frame: Frame) -> bool:
         if not _has_points(frame):
@@ -129,6 +130,7 @@ class Clouds:
         self._out.write(_CLOUD.pack(frame.stamp_ns, len(points), _POINT) + points.tobytes())
         self._out.flush()
         self.points += len(points)
+        self.second += second_returns(frame)
         return True
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from lidarcodec import wire
+from lidarcodec.cloud import second_returns_text
 from lidarcodec.commands.pipe import inputs
 from lidarcodec.commands.pipe.outputs import Captured, Clouds, Counting, FrameOutput, MessageOutput, Prefixed, Recorded
 from lidarcodec.commands.results.files import Piped
@@ -49,11 +50,13 @@ class _Done:
     """Counts of what went through.
 
     lost: messages or frames that could not be passed on;  points: None where none are written
+    second: second returns left out of the points
     """
 
     frames: int = 0
     lost: int = 0
     points: int | None = None
+    second: int = 0
 
 
 @dataclass
@@ -124,7 +127,8 @@ def run(
             if form in OF_FRAMES:
                 frame_writer = Captured(out) if form == "pcap" else Clouds(out)
                 _write_frames(feed.frames(settings.framing, done), frame_writer, done)
-                done.points = frame_writer.points if isinstance(frame_writer, Clouds) else None
+                if isinstance(frame_writer, Clouds):
+                    done.points, done.second = frame_writer.points, frame_writer.second
             else:
                 writer: MessageOutput = Prefixed(out) if form == "messages" else Recorded(out, *feed.names)
                 if recodes or feed.source is not None:
@@ -150,6 +154,9 @@ def run(
     text = f"{done.frames} frames, {out.bytes:,} bytes of {form}"
     if done.points is not None:
         found["points"], text = done.points, f"{done.frames} frames, {done.points:,} points, {out.bytes:,} bytes"
+    if done.second:
+        found["second_returns_left_out"] = done.second
+        text += f", {second_returns_text(done.second)}"
     with contextlib.redirect_stdout(sys.stderr):  # standard output is for the frames
         tell(found, text, as_json)
 

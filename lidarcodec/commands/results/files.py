@@ -38,6 +38,9 @@ class Piped(TypedDict):
     bytes: Annotated[int, "bytes written to standard output"]
     lost: Annotated[int, "messages or frames that could not be passed on"]
     points: NotRequired[Annotated[int, "of `--to points`: number of points"]]
+    second_returns_left_out: NotRequired[
+        Annotated[int, "of `--to points`: second returns, which are not written; left out if there are none"]
+    ]
 
 
 class Simulated(TypedDict):

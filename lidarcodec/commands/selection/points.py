@@ -1,4 +1,5 @@
-"""Where points of an output lie: `--merge` by the poses of their frames, then `--transform`, then `--region`.
+"""Which returns of a frame are points of an output (`--returns`), and where they lie: `--merge` by the poses of their
+frames, then `--transform`, then `--region`.
 
 >>> Placing.of(None, "1,0,0,0,0,90", merge=False).T_out_sensor.round(3).tolist()[:2]
 [[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]]
@@ -7,13 +8,14 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.cloud import Returns
 from lidarcodec.commands.selection.numbers import numbers_of
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.frame import Frame
 from lidarcodec.mounting import transform_of, vehicle_pose
 
@@ -23,30 +25,40 @@ AXES: Final = "xyz"
 
 
 class Placing:
-    """Moves and cuts points.
+    """Gives the points of frames, moved and cut.
 
     region: (2, 3) float64, least and greatest x y z in metres of the output, or None
     T_out_sensor: (4, 4) float64 from the sensor; with `merge` from the sensor as it stood at the first frame, or from
                   the vehicle where frames have a mounting
     merge: whether points are placed by the poses of their frames
+    returns: the first return of each beam, or all, with a field `return_number`
     """
 
     def __init__(
-        self, region: Matrix | None = None, T_out_sensor: Matrix | None = None, *, merge: bool = False
+        self,
+        region: Matrix | None = None,
+        T_out_sensor: Matrix | None = None,
+        *,
+        merge: bool = False,
+        returns: Returns = "first",
     ) -> None:
-        self.region, self.merge = region, merge
+        self.region, self.merge, self.returns = region, merge, returns
         self.moved = merge or T_out_sensor is not None
         self.T_out_sensor = np.eye(4) if T_out_sensor is None else T_out_sensor
         self._T_first_world: Matrix | None = None
 
     @classmethod
-    def of(cls, region: str | None, transform: str | None, *, merge: bool) -> Placing:
-        """From the texts of the options. Raises SettingsError."""
-        return cls(
-            None if region is None else _region(region),
-            None if transform is None else _transform(transform),
-            merge=merge,
-        )
+    def of(cls, region: str | None, transform: str | None, *, merge: bool, returns: str = "first") -> Placing:
+        """From the texts of the options. Raises SettingsError, UnknownNameError."""
+        for known in get_args(Returns):
+            if returns == known:
+                return cls(
+                    None if region is None else _region(region),
+                    None if transform is None else _transform(transform),
+                    merge=merge,
+                    returns=known,
+                )
+        raise UnknownNameError("choice of returns", returns, dict.fromkeys(get_args(Returns)))
 
     @property
     def given(self) -> str:
@@ -55,6 +67,7 @@ class Placing:
             "--region": self.region is not None,
             "--transform": self.moved and not self.merge,
             "--merge": self.merge,
+            "--returns all": self.returns == "all",
         }
         return ", ".join(name for name, there in names.items() if there)
 
@@ -63,7 +76,7 @@ class Placing:
 
         Raises SettingsError if poses are needed and the frame has none.
         """
-        cloud = frame.cloud()
+        cloud = frame.cloud(self.returns)
         if not self.moved and self.region is None:
             return cloud
         xyz = np.stack([cloud[axis].astype(np.float64) for axis in AXES], axis=-1)

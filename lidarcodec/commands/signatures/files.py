@@ -34,7 +34,7 @@ from lidarcodec.commands.signatures.common import (
     of_model,
 )
 from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
-from lidarcodec.commands.signatures.selecting import FormName, FromTime, Merge, Region, ToTime, Transform
+from lidarcodec.commands.signatures.selecting import FormName, FromTime, Merge, Region, ToTime, Transform, WhichReturns
 from lidarcodec.errors import SettingsError
 
 
@@ -128,6 +128,7 @@ def decode(
     region: Region = None,
     transform: Transform = None,
     merge: Merge = False,
+    returns: WhichReturns = "first",
     poses: PosesFile = None,
     mount: MountText = None,
     poses_of: PosesOf = None,
@@ -140,7 +141,10 @@ def decode(
     from lidarcodec.commands.selection.points import Placing
     from lidarcodec.sources.mounts import Mounted
 
-    selection, placing = Selection(frames, skip, begin, end), Placing.of(region, transform, merge=merge)
+    selection, placing = (
+        Selection(frames, skip, begin, end),
+        Placing.of(region, transform, merge=merge, returns=returns),
+    )
     mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=None)
     command.run(recording, out, form, selection, placing, poses, mounted, force, as_json)
 

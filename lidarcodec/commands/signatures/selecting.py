@@ -39,3 +39,11 @@ Merge = Annotated[
     bool,
     Option("--merge", help="Put all frames into one cloud: each is placed by its pose, seen from the first frame."),
 ]
+WhichReturns = Annotated[
+    str,
+    Option(
+        "--returns",
+        metavar="first|all",
+        help="Which returns of each beam are points. With `all` a field says which one a point is.",
+    ),
+]
