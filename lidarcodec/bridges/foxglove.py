@@ -118,7 +118,8 @@ class FoxgloveBridge:
     """Serves streams until it is closed; a context manager.
 
     port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames,
-    `complaints` of the server about viewers: connections that broke, messages that were wrong
+    `second_returns_left_out` of clouds, `complaints` of the server about viewers: connections that broke, messages that
+    were wrong
     gate: accepts viewers and counts them
     """
 
@@ -241,7 +242,7 @@ class FoxgloveBridge:
         channels.cloud_bytes = len(data)
         self.gate.make_room(room(self.gate.most, [one.cloud_bytes for one in self._channels.values()]))
         channels.points.log(data, log_time=stamp)
-        self._count(clouds=1)
+        self._count(clouds=1, second_returns_left_out=self._streams.second_returns(key, frame))
 
     def _count(self, **numbers: int) -> None:
         with self._counting:

@@ -108,7 +108,7 @@ class RosBridge:
     """Bridges streams until it is closed; a context manager.
 
     counts: `clouds`, `points` (measured), `made_up` points, `transforms`, `mountings` and `coded` messages sent, and
-    `unwatched` frames, to whose points nobody subscribed
+    `unwatched` frames, to whose points nobody subscribed, and `second_returns_left_out` of clouds
     """
 
     def __init__(
@@ -231,7 +231,12 @@ class RosBridge:
         if self._fill:
             frame = filled(frame)
         topic.put(point_cloud2(frame, frame_id, marks=self._fill))
-        self._count(clouds=1, points=points, made_up=int(frame.valid.sum()) - points)
+        self._count(
+            clouds=1,
+            points=points,
+            made_up=int(frame.valid.sum()) - points,
+            second_returns_left_out=self._streams.second_returns(key, frame),
+        )
 
     def _transform(self, key: StreamKeys, frame: Frame, frame_id: str) -> None:
         """Publish the pose of a frame, and its mounting if that was not said for a second."""

@@ -11,6 +11,7 @@ from typing import Any
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.receiver.live_stream import LiveStream
+from lidarcodec.cloud import second_returns
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.filling import fills_for
 from lidarcodec.frame import Frame
@@ -54,6 +55,7 @@ class Streams:
                 raise SettingsError(f"{key.vehicle}/{key.sensor} is named twice", "stream")
         self._take, self._take_message = take, take_message
         self._failure: BaseException | None = None
+        self._two_returns: set[StreamKeys] = set()
         self._once = {key: Once(logger) for key in self.keys}
         self.live = {
             key: LiveStream(
@@ -97,6 +99,14 @@ class Streams:
         settings = (self.live[key].status or {}).get("settings")
         purpose = settings.get("purpose") if isinstance(settings, dict) else None
         return not isinstance(purpose, str) or fills_for(purpose)
+
+    def second_returns(self, key: StreamKeys, frame: Frame) -> int:
+        """How many returns of a frame its cloud for viewers lacks, which has first ones. The log says it once."""
+        count = second_returns(frame)
+        if count and key not in self._two_returns:
+            self._two_returns.add(key)
+            logger.warning("%s sends two returns of each beam: clouds hold the first ones", key.prefix)
+        return count
 
     def summary(self) -> dict[str, dict[str, Any]]:
         """How it goes, by stream."""

@@ -21,6 +21,7 @@ from lidarcodec.interop.compressed_cloud import message_of
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, open_transport
 from tests.apps.streams import Loop
 from tests.bridges.standing import POSE, Standing, turn
@@ -194,6 +195,18 @@ def test_gaps_are_filled_for_ros_only_when_asked_and_then_marked(graph, local, f
         points = points_in(STORE.deserialize_cdr(data, ros.POINT_CLOUD2.name))
         assert ("filled" in points.dtype.names) is fill
         assert len(points) < 20_000 or (points["filled"] == 0).sum() < 20_000
+
+
+def test_second_returns_that_clouds_lack_are_counted_and_said_once(graph, local, caplog):
+    graph.subscribe("/car_7/roof/points", ros.POINT_CLOUD2)
+    dual = open_source("sim:garage?sensor=vlp16&returns=dual")
+    with (
+        RosBridge(["car-7/roof"], endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
+        Publisher(dual, vehicle="car-7", sensor="roof", endpoints=local),
+    ):
+        assert eventually(lambda: bridge.counts["clouds"] >= 2, LIMIT_S)
+    assert bridge.summary()["second_returns_left_out"] > 100
+    assert sum("two returns of each beam" in one for one in caplog.messages) == 1
 
 
 def test_nothing_is_made_while_nobody_looks(graph, local):
