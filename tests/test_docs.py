@@ -196,8 +196,8 @@ def test_nothing_names_the_machine_it_was_written_on():
 
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_of_a_module_run(name, tmp_path, monkeypatch):
-    if name.startswith("lidarcodec.training."):
-        pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
+    if name.startswith(("lidarcodec.training.", "lidarcodec.archive.dataset")):
+        pytest.importorskip("torch", reason="it needs torch: the extra `learned` or `torch`")
     module = importlib.import_module(name)
     monkeypatch.chdir(tmp_path)
     for variable in [key for key in os.environ if key.startswith("LIDARCODEC_")]:

@@ -6,43 +6,29 @@ A frame takes three requests: a listing of commits near its time, its commit, an
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.index import tables_to_read
+from lidarcodec.archive.messages import Chosen, Coded, decoded_frames, messages_of
 from lidarcodec.archive.names import Commit
-from lidarcodec.archive.objects import Place, places_of, read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import open_store
-from lidarcodec.errors import ChecksumError, SettingsError, SourceError
+from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from lidarcodec.frame import Frame
-from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.untrusted.times import time_ns_of
-from lidarcodec.wire import unpack
+
+if TYPE_CHECKING:
+    from lidarcodec.archive.dataset import FrameDataset
 
 log = logging.getLogger(__name__)
 
-READ_AHEAD: Final = 64 << 10
-"""Gaps of at most so many bytes are read too, which is quicker than another request."""
-MAX_READ: Final = 64 << 20
-"""Most bytes of a request, so that memory stays bounded."""
-
 Time = str | int | datetime
-
-
-class Coded(NamedTuple):
-    """A coded message from the archive. wanted: whether its frames were asked for; a key message and others may only
-    be needed to decode these"""
-
-    commit: Commit
-    place: Place
-    data: bytes
-    wanted: bool
 
 
 class Archive:
@@ -73,11 +59,7 @@ class Archive:
         """As `frames`, each with its segment."""
         limits = span_of(which.get("between"))
         for commit, messages in groupby(self.messages(**which), key=lambda one: one.commit):
-            decoder = StreamDecoder()
-            for one in messages:
-                frames = decoder.decode(unpack(one.data))
-                yield from ((commit, frame) for frame in frames if one.wanted and _inside(frame, limits))
-            yield from ((commit, frame) for frame in decoder.flush() if _inside(frame, limits))
+            yield from ((commit, frame) for frame in decoded_frames(messages, limits))
 
     def messages(
         self,
@@ -89,14 +71,54 @@ class Archive:
     ) -> Iterator[Coded]:
         """Coded messages that hold the frames, and those that decoding them needs. Arguments as of `frames`."""
         limits = span_of(between)
-        if where is not None:
-            if vehicle or sensor or between:
-                raise SettingsError("give either a condition, or vehicle, sensor and times", "where")
-            yield from self._where(where)
-            return
-        for commit in commits_of(self.store, vehicle, sensor, limits):
-            places = places_of(value := read_commit(self.store, commit))
-            yield from self._read(commit, value["object"], places, _by_time(places, limits))
+        for chosen in self.segments(vehicle=vehicle, sensor=sensor, between=between, where=where):
+            yield from messages_of(self.store, chosen, limits)
+
+    def segments(
+        self,
+        *,
+        vehicle: str | None = None,
+        sensor: str | None = None,
+        between: tuple[Time, Time] | None = None,
+        where: str | None = None,
+    ) -> list[Chosen]:
+        """Segments that hold the frames, in order of vehicle, sensor and time. Arguments as of `frames`."""
+        if where is None:
+            return [Chosen(one, None) for one in commits_of(self.store, vehicle, sensor, span_of(between))]
+        if vehicle or sensor or between:
+            raise SettingsError("give either a condition, or vehicle, sensor and times", "where")
+        return self._where(where)
+
+    def dataset(
+        self,
+        *,
+        vehicle: str | None = None,
+        sensor: str | None = None,
+        between: tuple[Time, Time] | None = None,
+        where: str | None = None,
+        transform: Callable[[Frame], Any] | None = None,
+        shuffle: bool = True,
+        seed: int = 0,
+        buffer: int = 128,
+        rank: int | None = None,
+        world: int | None = None,
+    ) -> FrameDataset:
+        """The frames as an IterableDataset of torch, shared out over the workers of a DataLoader and over ranks.
+
+        transform: makes an example of a frame, in the worker; by default examples are frames
+        shuffle: whether order changes with `seed` and epoch;  buffer: frames that a worker mixes
+        rank, world: number of this process, and how many there are; by default those of torch.distributed
+        Other arguments as of `frames`.
+        Raises MissingExtraError without torch, SettingsError, SourceError if there is no such segment, OSError.
+        """
+        try:
+            from lidarcodec.archive.dataset import FrameDataset
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.partition(".")[0] != "torch":
+                raise
+            raise MissingExtraError("a dataset for training", "torch") from None
+        segments = self.segments(vehicle=vehicle, sensor=sensor, between=between, where=where)
+        return FrameDataset(self.store, segments, span_of(between), transform, shuffle, seed, buffer, rank, world)
 
     def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Names of columns and rows of a query in SQL over the table `frames`. Raises SettingsError, OSError."""
@@ -104,34 +126,14 @@ class Archive:
 
         return query(self.store, sql)[:2]
 
-    def _where(self, condition: str) -> Iterator[Coded]:
+    def _where(self, condition: str) -> list[Chosen]:
         from lidarcodec.archive.query import TRIES, segments_where
 
         for _ in range(TRIES):
             wanted, commits = segments_where(self.store, condition), commits_of(self.store)
             if wanted.keys() <= {commit.segment for commit in commits}:
-                break  # otherwise some were replaced in between
-        else:
-            raise SourceError(f"{self.store.url}: segments are being replaced all the time: try again later")
-        for commit in commits:
-            offsets = wanted.get(commit.segment)
-            if offsets is not None:
-                places = places_of(value := read_commit(self.store, commit))
-                yield from self._read(commit, value["object"], places, _at(offsets))
-
-    def _read(
-        self, commit: Commit, name: str, places: Sequence[Place], wanted: Callable[[Place], bool]
-    ) -> Iterator[Coded]:
-        """The wanted messages of a recording and those before them since a key message, read in few requests."""
-        needed = _needed(places, wanted)
-        for first, last in _joined([place for place, _ in needed]):
-            inside = [(place, is_wanted) for place, is_wanted in needed if first <= place.offset < last]
-            data = self.store.read(name, first, last - first)
-            for place, is_wanted in inside:
-                message = data[place.offset - first : place.offset - first + place.length]
-                if len(message) != place.length:
-                    raise ChecksumError(f"{name} ends before byte {place.offset + place.length}", place.offset)
-                yield Coded(commit, place, message, is_wanted)
+                return [Chosen(one, frozenset(wanted[one.segment])) for one in commits if one.segment in wanted]
+        raise SourceError(f"{self.store.url}: segments are being replaced all the time: try again later")
 
     def tables(self) -> list[str]:
         """Names of the Parquet files with the rows of all frames."""
@@ -174,55 +176,3 @@ def span_of(between: tuple[Time, Time] | None) -> tuple[int, int] | None:
     if first > last:
         raise SettingsError("the first time is later than the last one", "between")
     return first, last
-
-
-def _inside(frame: Frame, limits: tuple[int, int] | None) -> bool:
-    return limits is None or limits[0] <= frame.stamp_ns <= limits[1]
-
-
-def _at(offsets: set[int]) -> Callable[[Place], bool]:
-    return lambda place: place.offset in offsets
-
-
-def _by_time(places: Sequence[Place], limits: tuple[int, int] | None) -> Callable[[Place], bool]:
-    """Whether a message may hold frames of a time. A message of several frames reaches to the next one."""
-    if limits is None:
-        return lambda _: True
-    ends = {
-        place.offset: place.stamp_ns if place.frames == 1 else max(place.stamp_ns, following.stamp_ns)
-        for place, following in zip(places, [*places[1:], places[-1]._replace(stamp_ns=1 << 62)], strict=True)
-    }
-    return lambda place: place.stamp_ns <= limits[1] and ends[place.offset] >= limits[0]
-
-
-def _needed(places: Sequence[Place], wanted: Callable[[Place], bool]) -> list[tuple[Place, bool]]:
-    """Messages to read, each with whether it is wanted itself. A message needs the key message before it, and those
-    that it refers to, directly or not."""
-    numbers = {place.frame + more: at for at, place in enumerate(places) for more in range(place.frames)}
-    keys: list[int] = []
-    for at, place in enumerate(places):
-        keys.append(at if place.key or not keys else keys[-1])
-    chosen = {at: True for at, place in enumerate(places) if wanted(place)}
-    waiting = list(chosen)
-    while waiting:
-        at = waiting.pop()
-        for other in (keys[at], numbers.get(places[at].needs, at)):
-            if other not in chosen:
-                chosen[other] = False
-                waiting.append(other)
-    return [(places[at], chosen[at]) for at in sorted(chosen)]
-
-
-def _joined(places: Sequence[Place]) -> Iterator[tuple[int, int]]:
-    """Ranges of bytes (first, end) that cover messages in order, with small gaps between them included."""
-    first = last = -1
-    for place in places:
-        end = place.offset + place.length
-        if first >= 0 and 0 <= place.offset - last <= READ_AHEAD and end - first <= MAX_READ:
-            last = end
-            continue
-        if first >= 0:
-            yield first, last
-        first, last = place.offset, end
-    if first >= 0:
-        yield first, last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -19,6 +20,19 @@ _RETRIES: Final = 8
 _PAUSES_S: Final = (0.5, 2.0)
 """Before a request is repeated whose answer was cut."""
 Result = TypeVar("Result")
+_asked_by: int | None = None
+"""Process that asked first. obstore hangs in one that was forked from it."""
+
+
+def _check_process() -> None:
+    """Raise SourceError in a process in which obstore would hang."""
+    global _asked_by  # noqa: PLW0603
+    _asked_by = _asked_by or os.getpid()
+    if _asked_by != os.getpid():
+        raise SourceError(
+            "object storage cannot be used in a forked process: start it with `spawn`, such as "
+            "DataLoader(..., multiprocessing_context='spawn')"
+        )
 
 
 class BucketStore(Store):
@@ -158,6 +172,7 @@ class BucketStore(Store):
     def _errors(self, name: str) -> Iterator[None]:
         from obstore.exceptions import BaseError
 
+        _check_process()
         try:
             yield
         except FileNotFoundError:

@@ -10,8 +10,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from lidarcodec.archive.archive import Archive, Coded, time_ns
+from lidarcodec.archive.archive import Archive, time_ns
 from lidarcodec.archive.contents import commits_of
+from lidarcodec.archive.messages import Coded
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
 from lidarcodec.cloud import second_returns, second_returns_text
