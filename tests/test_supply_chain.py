@@ -15,7 +15,7 @@ from tests.conftest import ROOT
 from tools import lock, sbom
 
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.y*ml"))
-UNIT = ROOT / "packaging" / "lidarcodec-publish.service"
+UNITS = sorted((ROOT / "packaging").glob("*.service"))
 
 
 def test_the_locks_agree_with_the_project_and_the_constraints():
@@ -89,8 +89,9 @@ def test_locks_of_npm_have_hashes():
         assert [path for path, one in packages.items() if path and "integrity" not in one] == []
 
 
-def test_the_unit_gives_its_process_little():
-    lines = set(UNIT.read_text().splitlines())
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_a_unit_gives_its_process_little(unit):
+    lines = set(unit.read_text().splitlines())
     assert {
         "NoNewPrivileges=yes",
         "CapabilityBoundingSet=",
@@ -104,12 +105,13 @@ def test_the_unit_gives_its_process_little():
     assert any(line.startswith("MemoryMax=") for line in lines)
 
 
-def test_systemd_finds_the_unit_well_shut():
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_systemd_finds_a_unit_well_shut(unit):
     program = shutil.which("systemd-analyze")
     if program is None:
         pytest.skip("needs systemd-analyze")
     done = subprocess.run(
-        [program, "security", "--offline=true", "--threshold=20", UNIT],
+        [program, "security", "--offline=true", "--threshold=20", unit],
         capture_output=True,
         text=True,
         check=False,

@@ -1,4 +1,4 @@
-"""Writes requirements/*.txt: every package that `make` and the images install, with the hashes of all its files.
+"""Writes requirements/*.txt: every package that `make`, images and the Debian package install, with hashes of files.
 
     python tools/lock.py             write them again, from pyproject.toml and constraints.txt (needs uv and an index)
     python tools/lock.py --check     whether they hold exactly the versions of constraints.txt, without a network
@@ -32,6 +32,7 @@ LOCKS: dict[str, tuple[str, ...]] = {
     "server": (*FORMATS, "server"),
     "image-server": (*FORMATS, "server", "postgres"),
     "image-archive": (*FORMATS, "archive", "cluster"),
+    "debian": (*FORMATS, "server", "archive"),
     "dev": ("dev",),
 }
 """Name of the lock -> extras of pyproject.toml in it."""

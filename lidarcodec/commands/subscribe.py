@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.apps.notify import told_ready
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import stoppable
@@ -45,7 +46,7 @@ def run(
     )  # fmt: skip
     show = sys.stderr.isatty()
     count = 0
-    with live, stoppable(live.interrupt) as stopped:
+    with live, stoppable(live.interrupt) as stopped, told_ready(f"receiving {stream}", live.summary):
         shown_s = time.monotonic()
         for count, _ in enumerate(awaited(live, stream), 1):
             if show and time.monotonic() - shown_s >= EVERY_S:

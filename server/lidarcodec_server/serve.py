@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 import resource
 import socket
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from typing import Any
 
 import uvicorn
 
+from lidarcodec.apps.notify import Manager
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
@@ -49,6 +51,8 @@ class Listening(uvicorn.Server):
         super().__init__(config)
         self._accept, self._ready = accept, ready
         self._acceptor: Acceptor | None = None
+        self._manager = Manager.of(os.environ)
+        self._telling: asyncio.TimerHandle | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start everything, then accept connections."""
@@ -57,9 +61,20 @@ class Listening(uvicorn.Server):
             return
         self._acceptor = self._accept(self._protocol)
         print(self._ready, flush=True)
+        self._manager.ready("serving")
+        self._tell_alive()
+
+    def _tell_alive(self) -> None:
+        """Tell the service manager, from the event loop: while the loop is blocked, the manager hears nothing."""
+        if self._manager.every_s is not None:
+            self._manager.alive()
+            self._telling = asyncio.get_running_loop().call_later(self._manager.every_s, self._tell_alive)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop accepting connections, and end."""
+        if self._telling is not None:
+            self._telling.cancel()
+        self._manager.stopping()
         if self._acceptor is not None:
             self._acceptor.close()
         await super().shutdown(sockets=sockets)

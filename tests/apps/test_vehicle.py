@@ -170,10 +170,12 @@ def test_the_command_publishes_every_sensor_of_a_file_and_says_which_failed(tmp_
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
-def test_systemd_takes_the_unit(tmp_path):
-    unit = (ROOT / "packaging" / "lidarcodec-publish.service").read_text()
-    assert "publish --config" in unit
-    copy = tmp_path / "lidarcodec-publish.service"
+@pytest.mark.parametrize("command", ["publish", "serve", "subscribe@"])
+def test_systemd_takes_a_unit_that_says_when_it_is_ready(tmp_path, command):
+    unit = (ROOT / "packaging" / f"lidarcodec-{command}.service").read_text()
+    assert {"Type=notify", "WatchdogSec=30"} <= set(unit.splitlines())
+    assert f"/opt/lidarcodec/bin/lidarcodec {command.rstrip('@')} " in unit
+    copy = tmp_path / f"lidarcodec-{command}.service"
     copy.write_text(unit.replace("/opt/lidarcodec/bin/lidarcodec", sys.executable))
     done = subprocess.run(["systemd-analyze", "verify", copy], capture_output=True, text=True, check=False, timeout=60)
     about_it = [line for line in done.stderr.splitlines() if copy.name in line]

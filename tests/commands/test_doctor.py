@@ -53,6 +53,23 @@ def test_a_small_buffer_and_a_clock_that_nobody_holds_are_warnings():
     assert "time service" in checks["clock"]["remedy"]
 
 
+def test_packages_that_another_program_changed_are_named_and_bad():
+    with mock.patch("lidarcodec.commands.doctor.about.metadata.version", side_effect=lambda name: "1.1"):
+        check, extras = command.examined(())["checks"][:2]
+    assert (check["name"], check["state"]) == ("packages", "bad")
+    assert (extras["name"], extras["state"]) == ("extras", "warning")  # somebody who uses the extra is told
+    assert "fastapi 1.1" not in extras["found"]
+    assert "imagecodecs 1.1 (needs >=2025.3.30)" in extras["found"]
+    assert "numpy 1.1 (needs >=2.0)" in check["found"]
+    assert "environment of its own" in check["remedy"]
+
+
+def test_few_open_files_are_a_warning():
+    with mock.patch("lidarcodec.commands.doctor.command.resource.getrlimit", return_value=(256, 1024)):
+        checks = {one["name"]: one for one in command.examined(())["checks"]}
+    assert (checks["open files"]["state"], "LimitNOFILE=" in checks["open files"]["remedy"]) == ("warning", True)
+
+
 def test_the_facts_hold_only_texts():
     clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
     with mock.patch.dict(os.environ, clean, clear=True):

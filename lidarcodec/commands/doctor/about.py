@@ -21,6 +21,9 @@ from lidarcodec.sources.udp.socket import KERNEL_BYTES, PACKETS_PER_SECOND
 from lidarcodec.units import DATA_PORT
 
 ZENOH_PORT = 7447
+SERVER_PORT = 8080
+REQUIREMENT = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[^]]*\])?\s*((?:[<>=]=?[^;\s]*)?)")
+LIMIT = re.compile(r"(>=|<|==)([\w.]+)")
 CLOCK_UNSYNCHRONISED = 5
 """Result of adjtimex(2) if no time service synchronises the clock."""
 
@@ -55,6 +58,39 @@ def _requirements() -> dict[str, list[str]]:
         return set(found.get(extra, [])).union(*map(of, others.get(extra, [])))
 
     return {extra: sorted(of(extra), key=str.lower) if extra in others else names for extra, names in found.items()}
+
+
+def unfit(of_extras: bool) -> list[str]:
+    """Packages in a version that this one does not work with. Another program in the environment may have brought them.
+
+    of_extras: those that only extras need, instead of those that are always needed
+    """
+    found = set()
+    for line in metadata.requires("lidarcodec") or [] if _installed("lidarcodec") else []:
+        match = REQUIREMENT.match(line)
+        version = _installed(match[1]) if match else None
+        if match and version and ("extra ==" in line) is of_extras and not _within(version, match[2]):
+            found.add(f"{match[1]} {version} (needs {match[2]})")
+    return sorted(found)
+
+
+def _within(version: str, limits: str) -> bool:
+    """Whether a version keeps limits such as `>=2.10,<3`. Only leading numbers count.
+
+    >>> [_within(version, ">=2.10,<3") for version in ("2.9", "2.10.1", "3.0rc1")], _within("1.4", "==1.4")
+    ([False, True, False], True)
+    """
+    have = _numbers(version)
+    for sign, limit in LIMIT.findall(limits):
+        wanted = _numbers(limit)
+        if not {">=": have >= wanted, "<": have < wanted, "==": have[: len(wanted)] == wanted}[sign]:
+            return False
+    return True
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    found = re.match(r"\d+(?:\.\d+)*", version)
+    return tuple(map(int, found[0].split("."))) if found else ()
 
 
 def _port_state(kind: socket.SocketKind, port: int) -> str:
@@ -142,6 +178,7 @@ def about() -> dict[str, dict[str, str]]:
         "ports": {
             f"UDP {DATA_PORT} (sensor)": _port_state(socket.SOCK_DGRAM, DATA_PORT),
             f"TCP {ZENOH_PORT} (Zenoh)": _port_state(socket.SOCK_STREAM, ZENOH_PORT),
+            f"TCP {SERVER_PORT} (server)": _port_state(socket.SOCK_STREAM, SERVER_PORT),
             "UDP receive buffer": _receive_buffer(),
         },
         "clock": {"system": _clock()},

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import difflib
 import os
+import resource
 from collections.abc import Collection, Iterator
 from typing import cast
 
-from lidarcodec.commands.doctor.about import about, clock_is_held, receive_buffer
+from lidarcodec.commands.doctor.about import about, clock_is_held, receive_buffer, unfit
 from lidarcodec.commands.results.about import Check, Doctor
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.sources.udp.socket import BUFFER_BYTES, LEAST_BYTES
 
+FEW_FILES = 4096
+APART = "another program brought them: install lidarcodec into an environment of its own (docs/installing.md)"
 MARKS = {"good": "good", "warning": "WARNING", "bad": "BAD"}
 
 
@@ -45,6 +48,7 @@ def _checks(facts: dict[str, dict[str, str]], known: Collection[str]) -> Iterato
     yield _packages(versions)
     yield _extras(facts["extras"])
     yield _buffer(facts["ports"]["UDP receive buffer"])
+    yield _open_files()
     yield _clock(facts["clock"]["system"])
     for name, state in facts["ports"].items():
         if name != "UDP receive buffer":
@@ -58,6 +62,9 @@ def _packages(versions: dict[str, str]) -> Check:
     if missing:
         remedy = "install them again: pip install --force-reinstall lidarcodec"
         return Check(name="packages", state="bad", found=f"missing: {', '.join(missing)}", remedy=remedy)
+    others = unfit(of_extras=False)
+    if others:
+        return Check(name="packages", state="bad", found=f"of other versions: {', '.join(others)}", remedy=APART)
     found = f"lidarcodec {versions['lidarcodec']}, Python {versions['Python']}, {versions['system']}"
     return Check(name="packages", state="good", found=found, remedy="")
 
@@ -66,6 +73,11 @@ def _extras(extras: dict[str, str]) -> Check:
     installed = [name for name, state in extras.items() if state == "installed"]
     absent = [name for name in extras if name not in installed]
     found = f"installed: {', '.join(installed) or 'none'}" + (f"; not installed: {', '.join(absent)}" if absent else "")
+    others = unfit(of_extras=True)
+    if others:
+        return Check(
+            name="extras", state="warning", found=f"{found}; of other versions: {', '.join(others)}", remedy=APART
+        )
     return Check(name="extras", state="good", found=found, remedy="")
 
 
@@ -75,6 +87,16 @@ def _buffer(found: str) -> Check:
         return Check(name="receive buffer", state="good", found=found, remedy="")
     remedy = f"a busy moment loses packets of a sensor: sudo sysctl -w net.core.rmem_max={BUFFER_BYTES}"
     return Check(name="receive buffer", state="warning", found=found, remedy=remedy)
+
+
+def _open_files() -> Check:
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[1]  # live commands raise theirs up to this
+    endless = limit == resource.RLIM_INFINITY
+    found = f"at most {'any number' if endless else limit} in a process"
+    if endless or limit >= FEW_FILES:
+        return Check(name="open files", state="good", found=found, remedy="")
+    remedy = "connections of strangers can use them all: raise the limit, with LimitNOFILE= in a unit or `ulimit -n`"
+    return Check(name="open files", state="warning", found=found, remedy=remedy)
 
 
 def _clock(found: str) -> Check:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from lidarcodec.apps.health import SensorState, health_file_or_nothing
+from lidarcodec.apps.notify import told_ready
 from lidarcodec.apps.past.keeper import Keep, bytes_of
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import Record, RecordAs
@@ -133,8 +134,9 @@ def run(
             original=original,
         )
         health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
-        say_begun([f"{publisher.keys.vehicle}/{publisher.keys.sensor}"], endpoints)
-        with stoppable(publisher.interrupt), health:
+        stream = f"{publisher.keys.vehicle}/{publisher.keys.sensor}"
+        say_begun([stream], endpoints)
+        with stoppable(publisher.interrupt), health, told_ready(f"publishing {stream}", publisher.status):
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
     tell_of([publisher.status()], as_json)

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from lidarcodec.apps.health import health_file_or_nothing
+from lidarcodec.apps.notify import told_ready
 from lidarcodec.apps.past.conditions import conditions_of
 from lidarcodec.apps.past.keeper import Keep, bytes_of
 from lidarcodec.apps.publisher.publisher import Rate
@@ -267,8 +268,11 @@ def run(
     endpoints = endpoints_of((connect, listen, zenoh_config))
     name = vehicle_of(vehicle or config.vehicle, endpoints)
     running = Vehicle(name, [sensor.plan(mounts) for sensor in config.sensors], endpoints)
-    with running, stoppable(running.interrupt) as stopped, health_file_or_nothing(health_file, running.states):
-        say_begun([f"{name}/{sensor.name}" for sensor in config.sensors], endpoints)
+    streams = [f"{name}/{sensor.name}" for sensor in config.sensors]
+    health = health_file_or_nothing(health_file, running.states)
+    ready = told_ready(f"publishing {', '.join(streams)}", running.states)
+    with running, stoppable(running.interrupt) as stopped, health, ready:
+        say_begun(streams, endpoints)
         running.wait()
         failures = {} if stopped() else running.failures()
     try:

@@ -55,7 +55,7 @@ class Doctor(TypedDict):
     checks: Annotated[list[Check], "what was checked, in order: name, state, found and remedy of each"]
     versions: Annotated[dict[str, str], "versions of this package, Python, the system, and required packages"]
     extras: Annotated[dict[str, str], "`installed`, or the packages that are missing, for each extra"]
-    ports: Annotated[dict[str, str], "state of the ports of sensor and network, and of the receive buffer"]
+    ports: Annotated[dict[str, str], "state of the ports of sensor, network and server, and of the receive buffer"]
     clock: Annotated[dict[str, str], "time of this machine, and whether it is synchronised"]
     settings: Annotated[dict[str, str], "settings in effect for `publish`, and where each comes from"]
     environment: Annotated[dict[str, str], "variables of lidarcodec that are set"]

@@ -35,7 +35,7 @@ EXIT_CODES: Final[tuple[tuple[str, str], ...]] = (
     (
         "2",
         "wrong usage: an option, a setting or a name; also an output that exists already, or an "
-        "[extra](development.md#extras) that is not installed",
+        "[extra](installing.md#extras) that is not installed",
     ),
     ("130, 143", "SIGINT (Ctrl-C) or SIGTERM interrupted any other command before it was done"),
     ("129", "its terminal was closed (SIGHUP): nothing is kept then"),
