@@ -45,7 +45,7 @@ DRIVES: Final = {
 }
 CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
 SHARES: Final = (0.05, 0.2, 0.02, 0.1, 0.15)
-METHODS: Final = ("random", "voxel", "lp", "greedy")
+METHODS: Final = ("random", "voxel", "paper", "greedy")
 STRIDE: Final = 3
 STEP_UM: Final = 20_000
 LEAST_SEEN: Final = 2

@@ -111,7 +111,7 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, random, voxel (means of larger cells), or lp (a linear programme, extra `maps`).",
+            help="greedy, random, voxel (means of larger cells), or paper (an integer programme, extra `maps`).",
         ),
     ] = "greedy",
     normals: Annotated[bool, Option("--normals/--no-normals", help="Whether to keep normals.")] = True,

@@ -29,9 +29,10 @@ MapCompressed = TypedDict(
         "points": Annotated[int, "points that were kept"],
         "of": Annotated[int, "points of the input"],
         "cell_m": NotRequired[Annotated[float, "of voxel: width of a cell"]],
-        "b": NotRequired[Annotated[float, "of lp: points that each place should see"]],
-        "lambda": NotRequired[Annotated[float, "of lp: price of a point that a place lacks"]],
-        "gap": NotRequired[Annotated[float, "of lp: by what share the value lies above a bound below all choices"]],
+        "b": NotRequired[Annotated[float, "of paper: points that each place should see"]],
+        "lambda": NotRequired[Annotated[float, "of paper: price of a point that a place lacks"]],
+        "gap": NotRequired[Annotated[float, "of paper: by what share the value lies above a bound below all choices"]],
+        "seconds": NotRequired[Annotated[float, "of paper: time of the solver and of rounding"]],
     },
 )
 MapCompressed.__doc__ = "A map of `map compress`."

@@ -8,13 +8,13 @@ from typing import Final
 from lidarcodec.errors import UnknownNameError
 from lidarcodec.maps.points import MapPoints
 from lidarcodec.maps.select.greedy import greedy
-from lidarcodec.maps.select.linear import linear
 from lidarcodec.maps.select.plain import random_points, voxel
+from lidarcodec.maps.select.programme import paper
 from lidarcodec.maps.select.result import Selection
 
 Select = Callable[[MapPoints, int, int], Selection]
 """A function of (points, count, seed): at most `count` points."""
-METHODS: Final[dict[str, Select]] = {"greedy": greedy, "lp": linear, "voxel": voxel, "random": random_points}
+METHODS: Final[dict[str, Select]] = {"greedy": greedy, "paper": paper, "voxel": voxel, "random": random_points}
 
 
 def method(name: str) -> Select:

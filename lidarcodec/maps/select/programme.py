@@ -1,4 +1,4 @@
-"""`lp`: the integer programme of Zhang et al. for map compression, solved by its linear relaxation with HiGHS.
+"""`paper`: the integer programme of Zhang et al. for map compression, solved by its linear relaxation with HiGHS.
 
     min q'x + lambda 1'z   so that   A x + z >= b 1,   x binary, z >= 0
 
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Final
@@ -31,7 +32,8 @@ LAMBDA: Final = 0.1
 MOST_COUNT: Final = 100
 LEAST_COST: Final = 1e-3
 SECTION: Final = 300
-_TRIES: Final = 10
+_TRIES: Final = 20
+_CLOSE: Final = 0.001
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -50,37 +52,67 @@ class _Groups:
 
 @dataclass(frozen=True)
 class _Solved:
-    """taken: points of each group; value: of the programme; bound: no choice has a smaller value"""
+    """b: of the programme; taken: points of each group; bound: no choice has a smaller value"""
 
+    b: float
     taken: Ints
-    value: float
     bound: float
 
 
-def linear(points: MapPoints, count: int, seed: int) -> Selection:
-    """The points of the programme with the largest b at which there are at most `count` of them.
+def paper(points: MapPoints, count: int, seed: int) -> Selection:
+    """Exactly `count` points: those of the programme. Raises as `places_of`."""
+    places, about = places_of(points, count, seed)
+    return Selection(points.taken(places), about)
+
+
+def places_of(points: MapPoints, count: int, seed: int) -> tuple[Ints, dict[str, Any]]:
+    """(count,) numbers of the points of the programme, with b as large as they allow, and what is known of the choice.
 
     Raises SettingsError for a map that does not say from where points were seen, MissingExtraError without HiGHS.
     """
-    check_seen(points, "lp")
+    began = time.monotonic()
+    check_seen(points, "paper")
     if find_spec("highspy") is None:
-        raise MissingExtraError("--by lp", "maps")
+        raise MissingExtraError("--by paper", "maps")
     groups, places = _groups(points), len(points.path)
-    price, b, best = LAMBDA, 0.0, _solved(groups, places, 0.0, LAMBDA)
-    sees = float(((groups.last - groups.first + 1) * groups.size).sum() / places)
-    while _solved(groups, places, sees, price).taken.sum() < count and price < 1e3:
+    most = float(_seen(groups, groups.size, places).max())
+    price, over = LAMBDA, _solved(groups, places, most, LAMBDA)
+    while over.taken.sum() < count:
         price *= 2  # at this price more points are not worth their cost, whatever b is
-    low, high = 0.0, sees
+        over = _solved(groups, places, most, price)
+    under = _Solved(0.0, np.zeros(len(groups.size), np.int64), 0.0)
     for _ in range(_TRIES):
-        middle = (low + high) / 2 if low else high / 4
+        if under.taken.sum() >= (1 - _CLOSE) * count:
+            break
+        middle = (under.b + over.b) / 2 if under.b else over.b / 4
         solved = _solved(groups, places, middle, price)
-        if solved.taken.sum() <= count:
-            low, b, best = middle, middle, solved
-        else:
-            high = middle
-    gap = max(best.value - best.bound, 0.0) / max(best.bound, 1e-9)
-    about: dict[str, Any] = {"b": round(b, 1), "lambda": price, "gap": round(gap, 5)}
-    return Selection(points.taken(_members(groups, best.taken, seed)), about)
+        under, over = (solved, over) if solved.taken.sum() <= count else (under, solved)
+    taken = _exactly(groups, under.taken, over.taken, count)
+    gap, b = min((_gap(groups, taken, places, one, price), one.b) for one in (over, under))
+    about: dict[str, Any] = {
+        "b": round(b, 1),
+        "lambda": price,
+        "gap": round(gap, 5),
+        "seconds": round(time.monotonic() - began, 1),
+    }
+    return _members(groups, taken, seed), about
+
+
+def _exactly(groups: _Groups, few: Ints, many: Ints, count: int) -> Ints:
+    """The points of `few`, and the cheapest of those that only `many` has, `count` together."""
+    more = np.maximum(many - few, 0)
+    order = np.argsort(groups.cost, kind="stable")
+    left = count - int(few.sum()) - (np.cumsum(more[order]) - more[order])
+    found = few.copy()
+    found[order] += np.clip(left, 0, more[order])
+    return found
+
+
+def _gap(groups: _Groups, taken: Ints, places: int, solved: _Solved, price: float) -> float:
+    """By what share the value of a choice lies above the bound."""
+    short = np.maximum(solved.b - _seen(groups, taken, places), 0.0)
+    value = float(groups.cost @ taken + price * short.sum())
+    return max(value - solved.bound, 0.0) / solved.bound if solved.bound > 0 else np.inf
 
 
 def _groups(points: MapPoints) -> _Groups:
@@ -107,12 +139,11 @@ def _solved(groups: _Groups, places: int, b: float, price: float) -> _Solved:
         if len(inside) and short.max() > 0:
             parts, duals[begin:end] = _relaxed(groups, inside, short, begin, end, price)
             taken[inside] = _rounded(groups, inside, parts, short, begin, end, price)
-    value = float(groups.cost @ taken + price * np.maximum(b - _seen(groups, taken, places), 0.0).sum())
     y = np.clip(duals, 0.0, price)
     gained = np.concatenate([[0.0], np.cumsum(y)])
     reduced = groups.cost - (gained[groups.last + 1] - gained[groups.first])
     bound = float(b * y.sum() + (groups.size * np.minimum(reduced, 0.0)).sum())
-    return _Solved(taken, value, bound)
+    return _Solved(b, taken, bound)
 
 
 def _seen(groups: _Groups, taken: Ints | Floats, places: int) -> Floats:
