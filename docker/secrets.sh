@@ -12,12 +12,14 @@ for name in database_password grafana_password; do
   mv "secrets/$name.part" "secrets/$name"
   echo "made secrets/$name"
 done
-if [ ! -s secrets/archive.env ]; then # the S3 server of compose.archive.yaml, and those who use it
-  key=$(head -c 24 /dev/urandom | base64 | tr '+/' '-_' | tr -d '\n')
-  printf 'AWS_ACCESS_KEY_ID=archive\nAWS_SECRET_ACCESS_KEY=%s\nMINIO_ROOT_USER=archive\nMINIO_ROOT_PASSWORD=%s\n' "$key" "$key" >secrets/archive.env.part
-  mv secrets/archive.env.part secrets/archive.env
-  echo "made secrets/archive.env"
-fi
+# compose.archive.yaml: the owner of the S3 server, and the user of those who work in its bucket
+for file in "store MINIO_ROOT_USER=owner MINIO_ROOT_PASSWORD=" "archive AWS_ACCESS_KEY_ID=archive AWS_SECRET_ACCESS_KEY="; do
+  set -- $file
+  [ -s "secrets/$1.env" ] && continue
+  printf '%s\n%s%s\n' "$2" "$3" "$(head -c 24 /dev/urandom | base64 | tr '+/' '-_' | tr -d '\n')" >"secrets/$1.env.part"
+  mv "secrets/$1.env.part" "secrets/$1.env"
+  echo "made secrets/$1.env"
+done
 [ -s secrets/metrics_token ] || cat <<'END'
 secrets/metrics_token is for Prometheus; when the images are built:
   docker compose run --rm -T server token create prometheus --role viewer > secrets/metrics_token && chmod 444 secrets/metrics_token

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import threading
+import urllib.request
+from pathlib import Path
 
 import pytest
 
 from lidarcodec.archive.archive import open_archive
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import SourceError
+from tests.archive.conftest import Bucket
 from tests.archive.test_archive import FRAMES, payloads
 from tests.command_line import run
 
@@ -70,3 +73,34 @@ def test_a_name_that_leaves_the_prefix_is_refused(bucket):
     bucket.put("bad/a/../../in/drive.pcap", b"outside")
     with pytest.raises(SourceError, match="leaves its prefix"):
         list(open_store("s3://fleet/bad").entries())
+
+
+def test_the_policy_of_the_compose_file_is_enough_for_its_bucket_and_for_no_other(tmp_path, monkeypatch):
+    boto3 = pytest.importorskip("boto3", reason="needs boto3, which moto brings")
+    policy = (Path(__file__).parents[2] / "docker" / "archive-policy.json").read_text()
+    server = Bucket(tmp_path)
+    try:
+        url = server.variables["AWS_ENDPOINT_URL"]
+        owner = {"endpoint_url": url, "region_name": "us-east-1"}
+        owner |= {"aws_access_key_id": "test", "aws_secret_access_key": "test"}
+        boto3.client("s3", **owner).create_bucket(Bucket="other")
+        iam = boto3.client("iam", **owner)
+        iam.create_user(UserName="archive")
+        iam.put_user_policy(UserName="archive", PolicyName="fleet", PolicyDocument=policy)
+        key = iam.create_access_key(UserName="archive")["AccessKey"]
+        begin = urllib.request.Request(f"{url}/moto-api/reset-auth", b"0", {"Content-Type": "text/plain"})
+        urllib.request.urlopen(begin, timeout=5).close()  # from here on moto keeps to policies
+        for name, value in server.variables.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", key["AccessKeyId"])
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", key["SecretAccessKey"])
+        store, other = (open_store(f"s3://{name}/x", retry_s=1) for name in ("fleet", "other"))
+        assert [store.create("a", b"1"), store.create("a", b"2"), store.read("a")] == [True, False, b"1"]
+        store.upload("large", [bytes(6_000_000)] * 2)
+        assert [(one.name, one.size) for one in store.entries()] == [("a", 1), ("large", 12_000_000)]
+        with pytest.raises(OSError, match="403"):
+            list(other.entries())
+        with pytest.raises(OSError, match="403"):
+            other.create("a", b"1")
+    finally:
+        server.close()

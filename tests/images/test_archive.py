@@ -24,6 +24,9 @@ VERSION = "1.30"
 """Of Kubernetes, whose schema the manifests have to fit."""
 PINNED = re.compile(r"[\w./-]+:[\w.-]+@sha256:[0-9a-f]{64}")
 OURS = "lidarcodec-archive:1.0.0"
+OWNER = "./secrets/store.env"
+"""Keys of the owner of the S3 server, which only the server has, and what makes the bucket."""
+KEYS = {"volume": [], "scheduler": [], "store": [OWNER], "bucket": [OWNER, "./secrets/archive.env"]}
 
 
 def documents():
@@ -69,7 +72,7 @@ def test_a_service_can_do_little_and_is_of_one_version(name):
     assert "no-new-privileges:true" in service["security_opt"]
     assert {"cpus", "memory", "pids"} <= set(service["deploy"]["resources"]["limits"])
     assert service["image"] == OURS or PINNED.fullmatch(service["image"])
-    assert service["env_file"] == ([] if name in ("volume", "scheduler") else ["./secrets/archive.env"])
+    assert service["env_file"] == KEYS.get(name, ["./secrets/archive.env"])
     assert ("cap_add" in service) == (name == "volume")
     assert not [key for key in service["environment"] if re.search("SECRET|PASSWORD|ACCESS_KEY", key)]
     assert set(service.get("depends_on", {})) <= set(SERVICES)
@@ -115,13 +118,17 @@ def test_the_image_is_made_of_the_vehicle_and_of_packages_with_hashes():
 
 
 def test_keys_of_the_store_are_made_once(tmp_path):
-    script = shutil.copy(FOLDER / "secrets.sh", tmp_path)
+    script, made = shutil.copy(FOLDER / "secrets.sh", tmp_path), []
     for _ in range(2):
         subprocess.run(["sh", script], capture_output=True, check=True, timeout=60)
-        made = dict(line.split("=", 1) for line in (tmp_path / "secrets" / "archive.env").read_text().splitlines())
-    assert made["AWS_SECRET_ACCESS_KEY"] == made["MINIO_ROOT_PASSWORD"]
-    assert made["AWS_ACCESS_KEY_ID"] == made["MINIO_ROOT_USER"]
-    assert len(made["AWS_SECRET_ACCESS_KEY"]) == 32
+        made.append([(tmp_path / "secrets" / f"{name}.env").read_text() for name in ("store", "archive")])
+    assert made[0] == made[1]
+    owner, user = (dict(line.split("=", 1) for line in text.splitlines()) for text in made[0])
+    assert owner.keys() == {"MINIO_ROOT_USER", "MINIO_ROOT_PASSWORD"}
+    assert user.keys() == {"AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"}
+    assert owner["MINIO_ROOT_USER"] != user["AWS_ACCESS_KEY_ID"]
+    assert owner["MINIO_ROOT_PASSWORD"] != user["AWS_SECRET_ACCESS_KEY"]
+    assert len(user["AWS_SECRET_ACCESS_KEY"]) == len(owner["MINIO_ROOT_PASSWORD"]) == 32
 
 
 @pytest.mark.parametrize(

@@ -165,8 +165,9 @@ def test_secrets_are_made_once_and_only_their_owner_gets_at_them(tmp_path):
     shutil.copy(ROOT / "docker" / "secrets.sh", script)
     told = subprocess.run(["sh", script], capture_output=True, text=True, check=True, timeout=60).stdout
     folder = tmp_path / "secrets"
-    assert (folder / "archive.env").stat().st_mode & 0o777 == 0o600
-    (folder / "archive.env").unlink()
+    for name in ("archive.env", "store.env"):
+        assert (folder / name).stat().st_mode & 0o777 == 0o600
+        (folder / name).unlink()
     made = {path.name: path.read_text() for path in folder.iterdir()}
     assert set(made) == {"database_password", "grafana_password"}
     assert len(set(made.values())) == 2
