@@ -22,6 +22,8 @@ DRIVES = 4
 FRAMES = 40
 DRIVER_SHARE = 0.2
 """Share of the kills that hit the driver."""
+EARLY_SHARE = 0.25
+"""Share of the moments before there are workers at which the driver is killed: a slow machine has many of them."""
 KILLS_OF_A_ROUND = 12
 """Killed more often, a short archive would never be complete."""
 PATIENCE_S = 300.0
@@ -104,10 +106,11 @@ def disturbed(folder: Path, out: str, moments: random.Random, counts: dict[str, 
             children = workers_of(driver.pid)
             orphans |= children
             before = counts["workers"] + counts["drivers"]
-            if moments.random() < DRIVER_SHARE:
+            early = not children and moments.random() > EARLY_SHARE
+            if moments.random() < DRIVER_SHARE and not early:
                 driver.kill()
                 counts["drivers"] += 1
-            elif children:  # none yet: it has just begun
+            elif children:
                 _kill(moments.choice(sorted(children)))
                 counts["workers"] += 1
             in_round += counts["workers"] + counts["drivers"] - before
@@ -123,13 +126,13 @@ def disturbed(folder: Path, out: str, moments: random.Random, counts: dict[str, 
 
 
 def workers_of(pid: int) -> set[int]:
-    """Worker processes of a driver: its children but the one that keeps count of resources."""
+    """Worker processes of a driver."""
     found = set()
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             if int(path.read_text().rpartition(")")[2].split()[1]) == pid:
                 command = path.with_name("cmdline").read_bytes()
-                if b"resource_tracker" not in command and b"spawn_main" in command:
+                if b"lidarcodec.archive.engines.worker" in command:
                     found.add(int(path.parent.name))
     return found
 
