@@ -28,7 +28,7 @@ class Task:
     value: dict[str, Any] = field(default_factory=dict)
 
 
-End = Literal["done", "refused", "failed", "store", "killed", "late", "missing"]
+End = Literal["done", "refused", "failed", "store", "killed", "late", "large", "missing"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Ended:
 
     how: `done`; `refused`: it cannot be done with this input and these settings, again would be no better; `failed`;
          `store`: a store, the disk or the memory failed; `killed`: its process died; `late`: it took too long;
-         `missing`: an optional dependency is not installed
+         `large`: it took too much memory; `missing`: an optional dependency is not installed
     result: what its function returned;  why: the error
     """
 

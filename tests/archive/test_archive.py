@@ -385,6 +385,8 @@ def test_a_damaged_plan_is_no_end_of_a_run(inputs, filled, caplog):
         (("--job", "index", "--processes", "2"), "runs in this process"),
         (("--workers", "here", "--processes", "2"), "--processes is only for --workers processes"),
         (("--workers", "here", "--timeout", "9"), "--timeout is not for --workers here"),
+        (("--workers", "here", "--memory", "900"), "--memory is not for --workers here"),
+        (("--job", "stats", "--memory", "900"), "runs in this process"),
         (("--job", "recompress"), "needs the new settings"),
         (("--delete-old",), "only for --job recompress"),
         (("--codec", "nothing"), "unknown codec"),

@@ -17,7 +17,7 @@ from lidarcodec.archive.tasks import Ended, Task
 TASK = Task("cut", "key", "label", "/nowhere", "/nowhere", {"input": {}})
 
 
-def slow(task: Task) -> Ended:
+def slow(task: Task, timeout_s: float, memory_mb: int | None) -> Ended:
     time.sleep(0.5)
     return Ended(task, "done")
 
@@ -52,14 +52,15 @@ def test_as_many_tasks_are_handed_out_as_can_run_and_a_worker_without_the_packag
     assert engine.slots == 2
     engine.submit(TASK)
     assert ended(engine).how == "failed"
-    monkeypatch.setattr(dask, "work", NotThere())
+    monkeypatch.setattr(dask, "done_here", NotThere())
     engine.submit(TASK)
     found = ended(engine)
     assert (found.how, "lidarcodec_is_not_there" in found.why) == ("missing", True)
 
 
 def test_the_thread_of_a_late_task_gets_no_other_until_it_ends(engine, monkeypatch):
-    monkeypatch.setattr(dask, "work", slow)
+    monkeypatch.setattr(dask, "done_here", slow)
+    monkeypatch.setattr(dask, "_GRACE_S", 0.0)
     engine._timeout_s = 0.1
     engine.submit(TASK)
     assert (ended(engine).how, engine.slots) == ("late", 1)

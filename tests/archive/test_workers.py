@@ -8,17 +8,102 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from lidarcodec.archive.driver import drive
+from lidarcodec.archive.engines.guarded import guarded
 from lidarcodec.archive.engines.processes import ProcessEngine
+from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.archive.tasks import Task
 from tests.archive.test_archive import FRAMES, objects
 from tests.command_line import environment, run
 from tests.transport.conftest import free_port
 
 pytestmark = [pytest.mark.sweep, pytest.mark.timeout(300)]
+
+
+GREEDY = """
+from lidarcodec.archive.jobs.table import JOBS, Job
+
+JOBS["greedy"] = Job("segment", "greedy:take")
+"""
+TAKES = """
+import time
+
+def take(value, source, target):
+    held = bytes(b"x" * (value["mb"] * 10**6))
+    time.sleep(value["s"])
+    return {"bytes": len(held)}
+"""
+
+
+class Greedy:
+    """A plan of a job of one's own that takes memory."""
+
+    def __init__(self, folder: Path, *mb: int) -> None:
+        self.counts: Counter = Counter()
+        self._tasks = [
+            Task(
+                "greedy", f"{number}-0", f"task {number}", str(folder), str(folder), {"mb": one, "s": 60 * (one > 200)}
+            )
+            for number, one in enumerate(mb)
+        ]
+
+    def tasks(self):
+        return iter(self._tasks)
+
+    def after(self, ended):
+        return iter(())
+
+
+@pytest.fixture
+def greedy(tmp_path, monkeypatch):
+    """A folder whose modules bring that job to every worker."""
+    (tmp_path / "sitecustomize.py").write_text(GREEDY)
+    (tmp_path / "greedy.py").write_text(TAKES)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return tmp_path
+
+
+def test_a_task_that_takes_too_much_memory_is_set_aside_and_stops_no_other(greedy):
+    engine = ProcessEngine(1, 300.0, memory_mb=300)
+    try:
+        outcome = drive(Greedy(greedy, 50, 900, 51), engine, FolderStore(greedy), pause_s=0.0)
+    finally:
+        engine.close()
+    assert outcome.aside == [("task 1", "it needed more than 300 MB of memory")]
+    assert (outcome.tasks, outcome.counts["bytes"], outcome.counts["tried_again"]) == (2, 101 * 10**6, 2)
+
+
+def test_a_worker_of_a_cluster_ends_what_takes_too_much_and_lives_on(greedy):
+    (large,), (small,) = (list(Greedy(greedy, mb).tasks()) for mb in (900, 50))
+    assert guarded(large, 300.0, 300).how == "large"
+    assert guarded(small, 300.0, 300).result == {"bytes": 50 * 10**6}
+    assert guarded(large, 0.5, None).how == "late"
+
+
+def test_a_worker_whose_parent_is_gone_ends_itself(tmp_path):
+    program = (
+        "import sys, time\n"
+        "from lidarcodec.archive.engines.processes import ProcessEngine\n"
+        "from lidarcodec.archive.tasks import Task\n"
+        "engine = ProcessEngine(1, 60.0)\n"
+        "engine.submit(Task('cut', 'key', 'label', sys.argv[1], sys.argv[1], {'input': {}}))\n"
+        "assert engine.ended(60.0)\n"
+        "print(engine.pids[0], flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    words = [sys.executable, "-c", program, str(tmp_path)]
+    with subprocess.Popen(words, env=environment(), stdout=subprocess.PIPE, text=True) as parent:
+        worker = Path(f"/proc/{int(parent.stdout.readline())}")
+        parent.kill()
+    end_s = time.monotonic() + 60.0
+    while worker.exists() and (worker / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
 
 
 def test_a_worker_that_dies_or_takes_too_long_is_replaced(tmp_path):

@@ -7,36 +7,50 @@ import time
 from queue import Empty, SimpleQueue
 from typing import Any, Final
 
-from lidarcodec.archive.tasks import Ended, Task, work
+from lidarcodec.archive.engines.guarded import guarded
+from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SourceError
 
 _CONNECT_S: Final = 10.0
+_GRACE_S: Final = 30.0
+"""A worker that has not ended a task so long after its time is given up."""
 _GONE_S: Final = 60.0
 """A scheduler may be away for so long, as when it is started again."""
 
 
+def done_here(task: Task, timeout_s: float, memory_mb: int | None) -> Ended:
+    """Do a task in a worker. Its process may also take no more memory than a thread's share of the worker."""
+    from distributed import get_worker
+
+    worker: Any = get_worker()
+    share = worker.memory_manager.memory_limit
+    limits = [memory_mb, int(share / worker.state.nthreads / 1e6) if share else None]
+    return guarded(task, timeout_s, min(filter(None, limits), default=None))
+
+
 class _Call:
-    """A call of `work` that begins when it is unpickled.
+    """A call of `done_here` that begins when it is unpickled.
 
     Dask unpickles what it is given before it runs it, and a worker that fails there dies. So it is given bytes and a
     function of Python itself, and a worker without `lidarcodec` says so.
     """
 
-    def __init__(self, task: Task) -> None:
-        self._task = task
+    def __init__(self, task: Task, timeout_s: float, memory_mb: int | None) -> None:
+        self._words = task, timeout_s, memory_mb
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return work, (self._task,)
+        return done_here, self._words
 
 
 class DaskEngine:
     """Tasks on the workers of a scheduler, such as `tcp://10.0.0.5:8786`. When a worker dies, Dask itself runs its
     tasks again on another one.
 
-    timeout_s: a task that takes longer is given up. Dask cannot interrupt it: until it ends, its thread gets no other
+    timeout_s, memory_mb: a task that takes longer or more resident memory is ended; None: the worker's own limit holds.
+    A task whose worker does not do so is given up: until it ends, its thread gets no other
     """
 
-    def __init__(self, address: str, timeout_s: float) -> None:
+    def __init__(self, address: str, timeout_s: float, memory_mb: int | None = None) -> None:
         """Raises SourceError if no scheduler answers there, or it has no worker."""
         from distributed import Client
         from distributed.scheduler import KilledWorker
@@ -50,7 +64,7 @@ class DaskEngine:
             raise SourceError(f"no Dask cluster with workers at {address}: {error}") from None
         # a task for each thread, and no more, because the time of a task counts from when it is handed out
         self._threads = self.slots = max(1, sum(self._client.nthreads().values()))
-        self._timeout_s, self._address = timeout_s, address
+        self._timeout_s, self._memory_mb, self._address = timeout_s, memory_mb, address
         self._seen_s = time.monotonic()
         self._done: SimpleQueue[Any] = SimpleQueue()
         self._running: dict[Any, tuple[Task, float]] = {}
@@ -58,7 +72,8 @@ class DaskEngine:
 
     def submit(self, task: Task) -> None:
         self._check()
-        future = self._client.submit(pickle.loads, pickle.dumps(_Call(task)), pure=False, retries=0)
+        call = pickle.dumps(_Call(task, self._timeout_s, self._memory_mb))
+        future = self._client.submit(pickle.loads, call, pure=False, retries=0)
         self._running[future] = task, time.monotonic()
         future.add_done_callback(self._done.put)
 
@@ -75,7 +90,7 @@ class DaskEngine:
         except Empty:
             pass
         for future, (task, begun_s) in list(self._running.items()):
-            if time.monotonic() - begun_s > self._timeout_s:
+            if time.monotonic() - begun_s > self._timeout_s + _GRACE_S:
                 del self._running[future]
                 self._late.add(future)
                 found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
@@ -98,7 +113,7 @@ class DaskEngine:
             return Ended(task, ended.how, ended.result, ended.why)
         if isinstance(error, self._cluster_errors) or not isinstance(error, Exception):
             return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")
-        # `work` returns its own errors: the worker cannot load it
+        # `done_here` returns errors of the task: the worker cannot load it
         return Ended(task, "missing", why=f"a worker cannot do it: {type(error).__name__}: {error}"[:1000])
 
     def close(self) -> None:

@@ -1,42 +1,45 @@
-"""The default engine: worker processes of this machine. One that dies or takes too long is replaced."""
+"""The default engine: worker processes of this machine. One that dies or takes too much is replaced."""
 
 from __future__ import annotations
 
 import contextlib
-import logging
-import multiprocessing
+import os
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 import time
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Pipe, wait
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from lidarcodec.archive.scratch import forget
-from lidarcodec.archive.tasks import Ended, Task, work
-from lidarcodec.untrusted.children import safe_path
-
-log = logging.getLogger(__name__)
+import lidarcodec
+from lidarcodec.archive.engines.worker import OVER
+from lidarcodec.archive.tasks import Ended, Task
 
 _END_S: Final = 5.0
 """Time to end before a worker is killed."""
+_HOME: Final = str(Path(lidarcodec.__file__).parents[1])
 
 
 class ProcessEngine:
-    """Tasks in `count` processes. timeout_s: a task that takes longer is ended with its process"""
+    """Tasks in `count` processes.
 
-    def __init__(self, count: int, timeout_s: float) -> None:
+    timeout_s: a task that takes longer is ended with its process
+    memory_mb: the same for one whose process has more resident memory, in MB; None: no limit
+    """
+
+    def __init__(self, count: int, timeout_s: float, memory_mb: int | None = None) -> None:
         self.slots = count
-        self._timeout_s = timeout_s
-        self._context = multiprocessing.get_context("spawn")
+        self._timeout_s, self._memory_mb = timeout_s, memory_mb
         self._workers: list[_Worker] = []
-        self._scratch = tempfile.mkdtemp(prefix="lidarcodec-archive-")
+        self._scratch = Path(tempfile.mkdtemp(prefix="lidarcodec-archive-"))
 
     def submit(self, task: Task) -> None:
         idle = next((one for one in self._workers if one.task is None), None)
         if idle is None:
-            idle = _Worker(self._context, self._scratch)
+            idle = _Worker(self._scratch, self._memory_mb)
             self._workers.append(idle)
         if not idle.give(task):  # it died while it was idle
             self._workers.remove(idle)
@@ -73,13 +76,20 @@ class ProcessEngine:
 class _Worker:
     """A process and the pipe to it. task: what it is doing, since `begun_s`"""
 
-    def __init__(self, context: Any, scratch: str) -> None:
-        self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, scratch), daemon=True)
-        with safe_path():
-            self._process.start()
-        theirs.close()
-        self.pid: int = self._process.pid
+    def __init__(self, scratch: Path, memory_mb: int | None) -> None:
+        self._folder, self._memory_mb = tempfile.mkdtemp(dir=scratch), memory_mb
+        self.pipe, theirs = Pipe()
+        words = [str(theirs.fileno()), self._folder, str(os.getpid()), str(memory_mb or 0)]
+        path = os.pathsep.join(filter(None, (_HOME, os.environ.get("PYTHONPATH"))))
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "lidarcodec.archive.engines.worker", *words],
+                stdin=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": path},
+                pass_fds=[theirs.fileno()],
+                process_group=0,  # Ctrl-C is for the process that gives the tasks
+            )
+        self.pid = self._process.pid
         self.task: Task | None = None
         self.begun_s = 0.0
         self.alive = True
@@ -102,43 +112,35 @@ class _Worker:
         try:
             ended = self.pipe.recv()
         except (EOFError, OSError):
+            self._wait()
             self.kill()
-            return Ended(task, "killed", why=f"its process ended with {_named(self._process.exitcode)}")
+            if self._process.returncode == OVER:
+                return Ended(task, "large", why=f"it needed more than {self._memory_mb:,} MB of memory")
+            return Ended(task, "killed", why=f"its process ended with {_named(self._process.returncode)}")
         return Ended(task, ended.how, ended.result, ended.why)
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process at once, and remove its files."""
         self.alive, self.task = False, None
         self._process.kill()
-        self._process.join()
+        self._process.wait(_END_S)
         self.pipe.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def end(self) -> None:
         """End the process: an idle one by itself."""
         if self.task is None:
             self.pipe.close()
-            self._process.join(_END_S)
+            self._wait()
         self.kill()
 
+    def _wait(self) -> None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_S)
 
-def _named(code: int | None) -> str:
-    if code is not None and code < 0:
+
+def _named(code: int) -> str:
+    if code < 0:
         with contextlib.suppress(ValueError):
             return signal.Signals(-code).name
     return f"exit code {code}"
-
-
-def _serve(pipe: Connection, scratch: str) -> None:
-    """Do tasks until the other end of the pipe is closed. scratch: folder for downloads, shared by all workers"""
-    tempfile.tempdir = scratch
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gives the tasks
-    logging.basicConfig(level=logging.ERROR, format="lidarcodec: %(message)s")
-    try:
-        while True:
-            pipe.send(work(pipe.recv()))
-    except (EOFError, OSError):
-        pass
-    finally:
-        forget()
-        with contextlib.suppress(OSError):  # the parent was killed, and this is its last worker
-            Path(scratch).rmdir()

@@ -8,26 +8,30 @@ import time
 from contextlib import suppress
 from typing import Any, Final
 
-from lidarcodec.archive.tasks import Ended, Task, work
+from lidarcodec.archive.engines.guarded import guarded
+from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SourceError
 
 _CONNECT_S: Final = 10.0
+_GRACE_S: Final = 30.0
+"""A worker that has not ended a task so long after its time is ended itself."""
 
 
 class RayEngine:
     """Tasks on a Ray cluster, at its head such as `10.0.0.5:6379` (from a machine of the cluster) or
     `ray://10.0.0.5:10001` (from any other).
 
-    timeout_s: a task that takes longer is ended
+    timeout_s, memory_mb: a task that takes longer or more resident memory is ended. Ray also gives a machine no more
+        tasks than so much memory allows
     """
 
-    def __init__(self, address: str, timeout_s: float) -> None:
+    def __init__(self, address: str, timeout_s: float, memory_mb: int | None = None) -> None:
         """Raises SourceError if no cluster answers there, or it has no processors."""
         import ray
 
         self._knock(address)
         self._ray: Any = ray
-        self._address, self._timeout_s = address, timeout_s
+        self._address, self._timeout_s, self._memory_mb = address, timeout_s, memory_mb
         try:
             ray.init(address=address, log_to_driver=False, configure_logging=False, logging_level=logging.ERROR)
             processors = int(ray.cluster_resources().get("CPU", 0))
@@ -38,7 +42,8 @@ class RayEngine:
             ray.shutdown()
             raise SourceError(f"the Ray cluster at {address} has no processors: start a worker")
         self.slots = processors  # no more, because the time of a task counts from here
-        self._work = ray.remote(num_cpus=1, max_retries=0)(work)
+        more = {} if memory_mb is None else {"memory": memory_mb * 1_000_000}
+        self._work = ray.remote(num_cpus=1, max_retries=0, **more)(guarded)
         self._running: dict[Any, tuple[Task, float]] = {}
 
     @staticmethod
@@ -57,7 +62,7 @@ class RayEngine:
 
     def _remote(self, task: Task) -> Any:
         try:
-            return self._work.remote(task)
+            return self._work.remote(task, self._timeout_s, self._memory_mb)
         except Exception as error:  # of many kinds, as above
             raise self._gone(error) from None
 
@@ -77,7 +82,7 @@ class RayEngine:
                 raise self._gone(error) from None
             found += [self._end(ref) for ref in dict.fromkeys((*ready, *more))]
         for ref, (task, begun_s) in list(self._running.items()):
-            if time.monotonic() - begun_s > self._timeout_s:
+            if time.monotonic() - begun_s > self._timeout_s + _GRACE_S:
                 del self._running[ref]
                 self._cancel(ref)
                 found.append(Ended(task, "late", why=f"it took more than {self._timeout_s:g} s"))
@@ -88,7 +93,7 @@ class RayEngine:
         errors = self._ray.exceptions
         try:
             ended = self._ray.get(ref)
-        except errors.RayTaskError as error:  # `work` returns its own errors: the worker cannot load it
+        except errors.RayTaskError as error:  # `guarded` returns errors of the task: the worker cannot load it
             return Ended(task, "missing", why=f"a worker cannot do it: {str(error).splitlines()[-1]}")
         except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError) as error:
             return Ended(task, "killed", why=f"the cluster lost it: {type(error).__name__}")

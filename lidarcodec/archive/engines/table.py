@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from importlib.util import find_spec
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidarcodec.archive.engines.base import Engine
+from lidarcodec.archive.engines.worker import STATUS
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 
 ENGINES: Final = ("processes", "dask", "ray", "here")
@@ -19,43 +20,58 @@ WORKERS: Final = "processes"
 TIMEOUT_S: Final = 1800.0
 
 
-def check_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float | None) -> None:
-    """Raise UnknownNameError, SettingsError or MissingExtraError for an engine that cannot be made. None: not given"""
+class Wishes(NamedTuple):
+    """Options of an engine, None if not given.
+
+    scheduler: address of a cluster;  processes: how many;  timeout_s, memory_mb: limits of a task
+    """
+
+    scheduler: str | None = None
+    processes: int | None = None
+    timeout_s: float | None = None
+    memory_mb: int | None = None
+
+
+def check_engine(name: str, wishes: Wishes) -> None:
+    """Raise UnknownNameError, SettingsError or MissingExtraError for an engine that cannot be made."""
     if name not in ENGINES:
         raise UnknownNameError("engine", name, ENGINES)
-    if name in CLUSTERS and scheduler is None:
+    if name in CLUSTERS and wishes.scheduler is None:
         raise SettingsError(f"--workers {name} needs --scheduler ADDRESS, such as {CLUSTERS[name]}", "scheduler")
-    if name not in CLUSTERS and scheduler is not None:
+    if name not in CLUSTERS and wishes.scheduler is not None:
         raise SettingsError(f"--scheduler is only for --workers {' and '.join(CLUSTERS)}", "scheduler")
-    if name != "processes" and count is not None:
+    if name != "processes" and wishes.processes is not None:
         raise SettingsError("--processes is only for --workers processes", "processes")
-    if name == "here" and timeout_s is not None:
-        raise SettingsError(
-            "--timeout is not for --workers here: a task cannot be ended without the command", "timeout"
-        )
+    for option, value in (("timeout", wishes.timeout_s), ("memory", wishes.memory_mb)):
+        if name == "here" and value is not None:
+            raise SettingsError(
+                f"--{option} is not for --workers here: a task cannot be ended without the command", option
+            )
+    if name == "processes" and wishes.memory_mb is not None and not STATUS.exists():
+        raise SettingsError(f"--memory needs {STATUS}, as Linux has it", "memory")
     if name in _EXTRAS and find_spec(_EXTRAS[name][0]) is None:
         raise MissingExtraError(f"--workers {name}", _EXTRAS[name][1])
 
 
-def make_engine(name: str, scheduler: str | None, count: int | None, timeout_s: float | None) -> Engine:
-    """An engine. count: worker processes, by default one for each processor;  timeout_s: of a task, TIMEOUT_S if None
+def make_engine(name: str, wishes: Wishes) -> Engine:
+    """An engine. By default it has a process for each processor, TIMEOUT_S for a task, and no limit of memory.
 
     Raises as `check_engine`, and SourceError if no cluster answers.
     """
-    check_engine(name, scheduler, count, timeout_s)
-    limit_s = TIMEOUT_S if timeout_s is None else timeout_s
+    check_engine(name, wishes)
+    limits = TIMEOUT_S if wishes.timeout_s is None else wishes.timeout_s, wishes.memory_mb
     if name == "dask":
         from lidarcodec.archive.engines.dask import DaskEngine
 
-        return DaskEngine(str(scheduler), limit_s)
+        return DaskEngine(str(wishes.scheduler), *limits)
     if name == "ray":
         from lidarcodec.archive.engines.ray import RayEngine
 
-        return RayEngine(str(scheduler), limit_s)
+        return RayEngine(str(wishes.scheduler), *limits)
     if name == "here":
         from lidarcodec.archive.engines.here import HereEngine
 
         return HereEngine()
     from lidarcodec.archive.engines.processes import ProcessEngine
 
-    return ProcessEngine(count or len(os.sched_getaffinity(0)), limit_s)
+    return ProcessEngine(wishes.processes or len(os.sched_getaffinity(0)), *limits)

@@ -76,6 +76,15 @@ def run(
         float | None,
         Option("--timeout", min=1.0, metavar="S", help="A longer task is ended and tried again. Default: 1800."),
     ] = None,
+    memory: Annotated[
+        int | None,
+        Option(
+            "--memory",
+            min=256,
+            metavar="MB",
+            help="A task whose process takes more memory is ended and tried again. Default: no limit.",
+        ),
+    ] = None,
     policy: Annotated[
         Path | None,
         Option("--policy", metavar="FILE", help="Rules in TOML: which settings after how many days (recompress)."),
@@ -108,7 +117,7 @@ def run(
 
     wanted = command.Wanted(
         job, codec, pairs or [], seconds, keep_both, policy, form, before, delete_old, dry_run, repair, workers,
-        processes, scheduler, timeout,
+        processes, scheduler, timeout, memory,
     )  # fmt: skip
     if not command.run(source, archive, wanted, as_json):
         raise typer.Exit(FAILED)

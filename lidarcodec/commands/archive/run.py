@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from lidarcodec.archive.archive import time_ns
 from lidarcodec.archive.driver import Outcome, Plan, drive
-from lidarcodec.archive.engines.table import WORKERS, check_engine, make_engine
+from lidarcodec.archive.engines.table import WORKERS, Wishes, check_engine, make_engine
 from lidarcodec.archive.index import index
 from lidarcodec.archive.jobs.recompress import REDUCING
 from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
@@ -53,7 +53,7 @@ _WORDS: Final = {
 _SAID: Final = {"aside": "set aside", "left": "left for the next run", "broken": "broken"}
 _SHOWN: Final = 20
 """Most reasons that are printed; all are in the archive."""
-_WORKING: Final = ("workers", "processes", "scheduler", "timeout")
+_WORKING: Final = ("workers", "processes", "scheduler", "timeout", "memory")
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,12 @@ class Wanted:
     processes: int | None
     scheduler: str | None
     timeout: float | None
+    memory: int | None
+
+    @property
+    def wishes(self) -> Wishes:
+        """Those for the engine."""
+        return Wishes(self.scheduler, self.processes, self.timeout, self.memory)
 
 
 def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
@@ -141,7 +147,7 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
     if job.each == "archive" and working:
         raise SettingsError(f"--{working[0]} is not for --job {wanted.job}: it runs in this process", working[0])
     check_extra()
-    check_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
+    check_engine(wanted.workers or WORKERS, wanted.wishes)
     settings = check_offline(one_setting(wanted.codec, wanted.pairs))
     other = {pair.partition("=")[0].strip() for pair in wanted.pairs} - REDUCING
     if wanted.job == "reduce" and (not settings.reduces or wanted.codec or other):
@@ -211,7 +217,7 @@ def _made(codec: str | None, values: Mapping[str, Any]) -> StreamSettings:
 
 def _driven(wanted: Wanted, plan: Plan, target: Store) -> Outcome:
     """Do all tasks, and say what could not be done."""
-    engine = make_engine(wanted.workers or WORKERS, wanted.scheduler, wanted.processes, wanted.timeout)
+    engine = make_engine(wanted.workers or WORKERS, wanted.wishes)
     try:
         with stoppable() as stopped, progress(wanted.job) as tick:
             outcome = drive(plan, engine, target, stopped=stopped, tick=tick)
