@@ -45,7 +45,7 @@ PLAIN = {
     "BLOCK_FIRST": zenoh.CongestionControl.BLOCK_FIRST,
 }
 STATUS_S = 0.2
-TOLD = ("rate", "path", "replaced", "left_out", "frames", "put_ms")
+TOLD = ("rate", "path", "replaced", "left_out", "frames", "put_ms", "refinements")
 COMPARED = 5
 """Every fifth frame is compared with the original."""
 
@@ -93,7 +93,7 @@ def session(**endpoints: list[str]) -> zenoh.Session:
 
 def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) -> None:
     """Publish a looped capture until SIGTERM."""
-    stop = stopped()
+    stop, told = stopped(), 0
     if policy in PLAIN:
         publish_plain(policy, source, listen, settings, stop)
         return
@@ -107,7 +107,10 @@ def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) 
     ) as publisher:
         while not stop.wait(STATUS_S):
             status = publisher.status()
-            say(at=time.time(), **{name: status[name] for name in TOLD})
+            number = status["flight"]["arrive_ms"]["count"] - told
+            delays = publisher._flight.arrive_ms.recent()[-number:] if number else []
+            say(at=time.time(), arrive_ms=delays, **{name: status[name] for name in TOLD})
+            told += number
         status = publisher.status()
     say(final={name: status[name] for name in ("flight", "encode_ms", "put_ms", "replaced", "frames", "errors")})
 

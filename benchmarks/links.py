@@ -107,6 +107,11 @@ class Relayed:
     def rate(self, kbit: float) -> None:
         self._relay.kbit = kbit
 
+    @property
+    def carried(self) -> int:
+        """Bytes that came from the publisher's side."""
+        return self._relay.carried
+
     def close(self) -> None:
         self._relay.close()
 

@@ -16,6 +16,7 @@ class Relay:
     """Listens on a loopback port and relays to another: `kbit` a second back from the target, `delay_s` each way.
 
     kbit: may be changed while it runs; with 0 nothing goes through in that direction
+    carried: bytes that came back from the target
     """
 
     BUFFER = 32 * 1024
@@ -26,6 +27,7 @@ class Relay:
     def __init__(self, target_port: int, *, kbit: float, delay_s: float = 0.0) -> None:
         self._target, self.kbit, self._delay_s = ("127.0.0.1", target_port), kbit, delay_s
         self.closed = False
+        self.carried = 0
         self._listener = socket.socket()
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.BUFFER)
         self._listener.bind(("127.0.0.1", 0))
@@ -86,6 +88,7 @@ class _Line:
             except OSError:
                 data = b""
             if data and self._relay is not None:
+                self._relay.carried += len(data)
                 while not self._relay.kbit and not self._relay.closed:
                     time.sleep(0.01)
                 free = max(free, time.monotonic() - Relay.LATE_S) + len(data) / (max(self._relay.kbit, 1.0) * 125.0)

@@ -37,7 +37,7 @@ def logger_of(caplog=None):
 
 def test_packets_are_exact_when_all_sectors_came_and_are_recorded_so(network, tmp_path):
     with live(network, newest=False, until_end=True, refine=True, record=tmp_path, max_age_s=None) as stream:
-        with publisher(network, 3, LAYERS, rate=0.5) as car:
+        with publisher(network, 3, LAYERS, rate=0.3) as car:
             got = [packet.payload for frame in stream for packet in packets_of(frame)]
             told = car.status()["refinements"]
         summary = stream.summary()
@@ -62,41 +62,6 @@ def test_who_does_not_ask_gets_the_base_and_nothing_is_coded_for_nobody(network)
     assert got != Loop(3).payloads()
     assert 1 <= told["no_receiver"] <= 3  # a frame may be replaced before anybody looks
     assert told["sent"] == 0
-
-
-def test_a_link_rests_before_the_next_message_is_due(network):
-    car, other = network.end(), network.end()
-    refining = Refining(KEYS, lambda: car, Flight(), logger_of())
-    came: list[int] = []
-    reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
-
-    def report(key, data):
-        time.sleep(0.04)  # a sector takes so long
-        came.append(unpack(data).frame_index)
-        reports.put(pack_refined(Refined(came[-1], checksum_of(data), unpack(data).sector)))
-
-    other.listen(KEYS.refine(), report)
-    size = 3 * len(sent().refinable.code(0))
-    for index in range(3):
-        refining.offer(sent(turn(index=index)).refinable, size)
-        time.sleep(0.3)
-        refining.next_frame()
-    refining.close()
-    assert 1 <= came.count(2) <= 5  # 0.3 s, less 0.12 s for the next message, in sectors of 0.04 s; without a rest 7
-
-
-def test_sectors_that_nobody_reports_are_sent_seldom(network):
-    car, other = network.end(), network.end()
-    refining = Refining(KEYS, lambda: car, Flight(), logger_of())
-    came: list[bytes] = []
-    other.listen(KEYS.refine(), lambda key, data: came.append(data))
-    given = sent().refinable
-    for _ in range(8):
-        refining.offer(given, 1)
-        time.sleep(0.05)
-        refining.next_frame()
-    assert 1 <= len(came) <= 2  # one as nothing is known, and then it has taken a frame's time
-    refining.close()
 
 
 def test_an_error_of_the_transport_ends_one_frame_only(network):

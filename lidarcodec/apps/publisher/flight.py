@@ -22,7 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lidarcodec.apps.publisher.followed import FORGET_S, Followed, Standing, clearly_slower
-from lidarcodec.apps.publisher.path_times import LIMIT_S, MAX_IN_FLIGHT, PathTimes
+from lidarcodec.apps.publisher.path_times import LIMIT_S, MAX_IN_FLIGHT, PathTimes, Took
 from lidarcodec.apps.publisher.proofs import PROOFS, Proofs
 from lidarcodec.apps.publisher.under_way import REMEMBERED, Landed, Sent, UnderWay
 from lidarcodec.apps.timings import Timings
@@ -221,6 +221,17 @@ class Flight:
         """Times of the messages that arrived or were given up since the last call."""
         with self._condition:
             return self._path.landings()
+
+    def took(self) -> list[Took]:
+        """Times from put to report of the messages that were reported since the last call."""
+        with self._condition:
+            return self._path.took()
+
+    @property
+    def s_per_byte(self) -> float:
+        """Time that the path needs for a byte of a message; 0 if that is not known."""
+        with self._condition:
+            return self._path.s_per_byte()
 
     def given_up(self) -> list[Sent]:
         """The messages that became overdue or known as lost since the last call. An overdue one may still arrive."""

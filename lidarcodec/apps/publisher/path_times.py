@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidarcodec.apps.publisher.under_way import Sent
 from lidarcodec.apps.timings import Timings, percentile
@@ -35,6 +35,15 @@ REMEMBERED: Final = 16
 SEND_TIMES: Final = 9
 
 
+class Took(NamedTuple):
+    """Seconds from put to report of the message of frame `frame` and `size` bytes, without the time for which the
+    receiver held it."""
+
+    frame: int
+    seconds: float
+    size: int
+
+
 class PathTimes:
     """Measures a path. Not thread-safe: `Flight` holds a lock.
 
@@ -51,6 +60,7 @@ class PathTimes:
         self._patient = 0
         self._s_per_byte: deque[float] = deque(maxlen=SEND_TIMES)
         self._sizes: deque[int] = deque(maxlen=SEND_TIMES)
+        self._took: deque[Took] = deque(maxlen=REMEMBERED)
         self.arrive_ms = Timings()
 
     def new_codec(self) -> None:
@@ -67,6 +77,7 @@ class PathTimes:
         send_s = max(0.0, free - max(sent.at_s, self._last_free))
         self._last_free = max(free, self._last_free)
         if not late:
+            self._took.append(Took(sent.index, now - sent.at_s - held_s, sent.size))
             self._send_s.append(send_s)
             if sent.size:
                 self._s_per_byte.append(send_s / sent.size)
@@ -81,7 +92,7 @@ class PathTimes:
 
     def switched(self) -> None:
         """Another receiver is followed: forget the measurements of the previous path."""
-        for values in (self._send_s, self._took_s, self._landings, self._s_per_byte, self._sizes):
+        for values in (self._send_s, self._took_s, self._landings, self._s_per_byte, self._sizes, self._took):
             values.clear()
         self._last_free = float("-inf")
 
@@ -90,6 +101,16 @@ class PathTimes:
         landings = list(self._landings)
         self._landings.clear()
         return landings
+
+    def took(self) -> list[Took]:
+        """Times from put to report of the messages that were reported since the last call."""
+        took = list(self._took)
+        self._took.clear()
+        return took
+
+    def s_per_byte(self) -> float:
+        """Time that the path needs for a byte; 0 if that is not known."""
+        return percentile(sorted(self._s_per_byte), 0.5) or 0.0
 
     def window(self, rtt_s: float) -> int:
         """How many messages may be under way: 1 + round(round trip / time to send one)."""
@@ -114,8 +135,7 @@ class PathTimes:
         usual = percentile(sorted(self._took_s), 0.5) or 0.0
         deviation = sum(abs(one - usual) for one in self._took_s) / len(self._took_s)
         more = max(0, size + ahead - (percentile(sorted(self._sizes), 0.5) or 0))
-        queue_s = more * (percentile(sorted(self._s_per_byte), 0.5) or 0.0)
-        return min(silence, usual + max(DEVIATIONS * deviation, LEAST_S) + queue_s)
+        return min(silence, usual + max(DEVIATIONS * deviation, LEAST_S) + more * self.s_per_byte())
 
     def _landed(self, sent: Sent, send_s: float, rtt_s: float, now: float, *, landed: bool = True) -> None:
         since_s = min(now - self._last_landing, LIMIT_S)

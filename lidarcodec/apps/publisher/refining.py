@@ -1,10 +1,9 @@
 """Refining: sends refinements of the last frame while the link has room (`base_error_m`).
 
-A sector is sent when no message is under way, and the sector before has arrived; on a path with a long round trip,
-a few may be under way. What is left when the next frame comes is given up, so that a message waits for one sector at
-most. Before the next message is due, the link rests for as long as it needs for a message: many links let that much
-pass at once after a rest. Where a sector takes too long for that, one is tried now and then. Sectors are coded when
-they are sent: those that are given up cost no time.
+A sector is sent when no message is under way, and the sector before has arrived. On a path with a long round trip it
+does not wait for reports, but until the link is free by its measured rate; a report that is late stops it. `Pacing`
+says whether a sector arrives long enough before the next message is due. What is left when the next frame comes is
+given up. A sector is coded shortly before it is sent: most of those that are given up cost no time.
 
 Reports of the receiver that the stream follows count, if it takes refinements, else those of all receivers.
 """
@@ -19,6 +18,8 @@ from typing import Any, NamedTuple
 
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.pacing import Pacing
+from lidarcodec.apps.publisher.path_times import SHORT_PATH_S
 from lidarcodec.apps.reports import read_refined
 from lidarcodec.errors import TransportError
 from lidarcodec.layers import SECTORS, RefinableFrame
@@ -29,24 +30,22 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import checksum_of
 
 TICK_S = 0.01
-"""Interval at which the thread looks whether a message is under way."""
+"""Longest interval at which the thread looks whether a message is under way."""
 MOST_UNDER_WAY = 6
+LATE_S = 0.02
+"""A report is late when it comes so long after its predicted time."""
 _JOIN_S = 5.0
-_SMOOTH, _SLOWER = 0.25, 0.75
-_RISE = 1.01
-MARGIN = 1.25
-"""Times are taken to be so much longer than measured."""
-TRIED_AGAIN, SELDOM = 8, 256
-"""Frames without a sector, after which one is tried; twice as many each time that it was no use, up to the second."""
+_USUAL_BYTES = 6_000
+"""Taken for the size of a sector before there is one."""
 
 
 class _Put(NamedTuple):
-    """A sector under way. alone: whether it was the only one"""
+    """A sector under way. begin_s: when the link begins to carry it, and free_s: when that ends, as predicted"""
 
     checksum: int
-    at_s: float
+    begin_s: float
+    free_s: float
     size: int
-    alone: bool
 
 
 class Refining:
@@ -62,15 +61,11 @@ class Refining:
         self._turn = 0  # counts frames: what was begun for an earlier one is given up
         self._under_way: dict[tuple[int, int], _Put] = {}
         self._late: dict[tuple[int, int], _Put] = {}  # of the frame before, not reported in time
-        self._took_s: float | None = None  # from put to report, of a sector alone on its way
-        self._s_per_byte: float | None = None  # of the same sectors, without the round trip
-        self._rtt_s: float | None = None  # the shortest one: those beside messages are longer
-        self._base_bytes = 0
-        self._patience, self._without = TRIED_AGAIN, 0
-        self._trial = self._tried = False  # whether a sector goes that may take too long, and whether it went
+        self._pacing = Pacing()
+        self._usual_bytes = _USUAL_BYTES
+        self._beside: dict[int, bool] = {}  # messages under way: whether sectors were sent before them
+        self._sent_beside = False
         self._followed: str | None = None  # the last followed receiver that reported a refinement
-        self._last_put_s: float | None = None
-        self._interval_s: float | None = None
         self._counts: Counter[str] = Counter()
         self._closed = self._busy = self._finishing = False
         self._thread: threading.Thread | None = None
@@ -90,10 +85,7 @@ class Refining:
         with self._condition:
             if self._closed:
                 return
-            now_s = time.monotonic()
-            if self._last_put_s is not None:
-                self._interval_s = mean_of(self._interval_s, now_s - self._last_put_s)
-            self._last_put_s, self._base_bytes = now_s, size
+            self._messages(frame.frame.index, size)
             self._frame = frame
             self._condition.notify_all()
         if self._thread is None:
@@ -160,16 +152,16 @@ class Refining:
         if not any(sender.matching for sender in senders):
             self._count("no_receiver")
             return
-        left = frame.sectors
-        self._tried = False
+        left = [] if self._alone() else frame.sectors
+        given_up = len(frame.sectors) - len(left)
         self._count("frames")
-        with self._condition:
-            self._wait_no_longer()
-        while left and self._has_room(turn):
+        while left and self._fits(turn, self._usual_bytes):
             try:
                 data = frame.code(left[0])
             except Exception as error:  # after any error the next frame is refined
                 self._once.add("refinement errors", error)
+                break
+            if not self._has_room(turn, len(data)):
                 break
             try:
                 if not self._put(senders[left[0]], (frame.frame.index, left[0]), data, turn):
@@ -178,43 +170,43 @@ class Refining:
                 self._once.add("refinement errors", error)
                 break
             left = left[1:]
-        self._count("given_up", len(left))
-        self._count("whole", not left)
+        if not given_up and len(left) == len(frame.sectors):
+            with self._condition:
+                self._pacing.nothing_fitted()
+        self._count("given_up", given_up + len(left))
+        self._count("whole", not given_up + len(left))
+
+    def _alone(self) -> bool:
+        """Begin a frame: forget what is under way, and say whether nothing is to be sent beside its message."""
+        now_s, rtt_s = time.monotonic(), self._flight.rtt_s or 0.0
         with self._condition:
-            self._tries(sent=len(left) < len(frame.sectors))
+            for one in self._under_way.values():  # not reported with the last frame
+                if now_s - rtt_s > one.free_s:
+                    self._pacing.sector_lost(now_s - rtt_s, one.begin_s, one.size)
+            self._late = self._under_way
+            self._under_way = {}
+            return self._pacing.alone and not self._finishing
 
-    def _wait_no_longer(self) -> None:
-        """Do not wait for reports that did not come with the last frame; those sectors took at least until now."""
-        now_s = time.monotonic()
-        for one in self._under_way.values():
-            if one.alone and now_s - one.at_s > (self._took_s or 0.0):
-                self._learn(one, now_s - one.at_s)
-        self._late = self._under_way
-        self._under_way = {}
-
-    def _learn(self, one: _Put, took_s: float) -> None:
-        rtt_s = self._flight.rtt_s or 0.0
-        self._rtt_s = rtt_s if self._rtt_s is None else min(rtt_s, _RISE * self._rtt_s)
-        self._took_s = smoothed(self._took_s, took_s)
-        self._s_per_byte = smoothed(self._s_per_byte, max(0.0, took_s - self._rtt_s) / one.size)
-
-    def _tries(self, *, sent: bool) -> None:
-        """After a frame: perhaps try a sector with the next one, although the last ones took too long."""
-        if sent:
-            self._patience = self._patience if self._trial else TRIED_AGAIN
-            self._without = 0
-            self._trial = False
-            return
-        self._without += 1
-        if self._without >= self._patience:
-            self._trial = True
-            self._without, self._patience = 0, min(2 * self._patience, SELDOM)
+    def _messages(self, index: int, size: int) -> None:
+        """A message was put. Learn from those that were reported."""
+        for one in self._flight.took():
+            beside = self._beside.pop(one.frame, None)
+            if beside is not None:
+                self._pacing.message_took(one.seconds, one.size, self._flight.s_per_byte, beside=beside)
+        while len(self._beside) >= MOST_UNDER_WAY:
+            self._beside.pop(next(iter(self._beside)))
+        self._beside[index], self._sent_beside = self._sent_beside, False
+        self._pacing.message(time.monotonic(), size)
 
     def _put(self, sender: Sender, name: tuple[int, int], data: bytes, turn: int) -> bool:
+        now_s = time.monotonic()
         with self._condition:
             if turn != self._turn:
                 return False
-            self._under_way[name] = _Put(checksum_of(data), time.monotonic(), len(data), not self._under_way)
+            begin_s = max(now_s, self._pacing.free_s)
+            self._pacing.sector(now_s, len(data))
+            self._under_way[name] = _Put(checksum_of(data), begin_s, self._pacing.free_s, len(data))
+            self._sent_beside, self._usual_bytes = True, len(data)
             self._counts["sent"] += 1
             self._counts["bytes"] += len(data)
         try:
@@ -225,30 +217,37 @@ class Refining:
             raise
         return True
 
-    def _has_room(self, turn: int) -> bool:
-        """Wait until a sector may be sent. False: the next frame has come."""
+    def _fits(self, turn: int, size: int) -> bool:
+        """Whether a sector of `size` bytes arrives before the next message is due, and that frame is not here yet."""
         with self._condition:
-            while turn == self._turn:
-                if len(self._under_way) < self._window() and not self._flight.busy and self._arrives_in_time():
+            return turn == self._turn and (self._finishing or self._pacing.fits(time.monotonic(), size))
+
+    def _has_room(self, turn: int, size: int) -> bool:
+        """Wait until a sector may be sent. False: it does not fit any more."""
+        while self._fits(turn, size):
+            rtt_s, busy = self._flight.rtt_s or 0.0, self._flight.busy
+            with self._condition:
+                now_s = time.monotonic()
+                if not busy and not self._under_way:
+                    self._pacing.idle(now_s)
+                wait_s = min(self._wait_s(now_s, rtt_s, busy=busy), TICK_S)
+                if wait_s <= 0.0:
                     return True
-                self._condition.wait(TICK_S)
-            return False
+                if self._under_way or not busy:
+                    self._condition.wait(wait_s)
+                    continue
+            self._flight.wait_landed(wait_s)
+        return False
 
-    def _arrives_in_time(self) -> bool:
-        if self._interval_s is None or self._took_s is None or self._last_put_s is None or self._finishing:
-            return True
-        if self._trial and not self._tried:
-            self._tried = True
-            return True
-        rest_s = min(MARGIN * self._base_bytes * (self._s_per_byte or 0.0), self._interval_s / 2)
-        return time.monotonic() + MARGIN * self._took_s + rest_s < self._last_put_s + self._interval_s
-
-    def _window(self) -> int:
-        """How many sectors may be under way: 1 + round trip / time to send one."""
-        took_s, rtt_s = self._took_s, self._flight.rtt_s
-        if took_s is None or rtt_s is None or rtt_s <= 0.0:
-            return 1
-        return 1 + min(MOST_UNDER_WAY, round(rtt_s / max(took_s - rtt_s, 1e-3)))
+    def _wait_s(self, now_s: float, rtt_s: float, *, busy: bool) -> float:
+        """How long to wait before the next look; 0 if the link is free."""
+        if not busy and not self._under_way:
+            return 0.0
+        if rtt_s < SHORT_PATH_S or len(self._under_way) >= MOST_UNDER_WAY or not self._pacing.s_per_byte:
+            return TICK_S
+        due_s = [one.free_s for one in self._under_way.values()] + [self._pacing.message_free_s] * busy
+        late = now_s > min(due_s) + rtt_s + LATE_S
+        return TICK_S if late else self._pacing.free_s - now_s
 
     def _count(self, what: str, number: int = 1) -> None:
         with self._condition:
@@ -277,16 +276,5 @@ class Refining:
                 del self._late[name_of]
                 return
             del self._under_way[name_of]
-            if found.alone:
-                self._learn(found, time.monotonic() - found.at_s)
+            self._pacing.sector_took(time.monotonic(), found.begin_s, found.size, self._flight.rtt_s or 0.0)
             self._condition.notify_all()
-
-
-def smoothed(before: float | None, value: float) -> float:
-    """A running mean, of the mean before and a new value; it follows larger values quickly."""
-    return value if before is None else before + (_SLOWER if value > before else _SMOOTH) * (value - before)
-
-
-def mean_of(before: float | None, value: float) -> float:
-    """A running mean, of the mean before and a new value."""
-    return value if before is None else before + _SMOOTH * (value - before)
