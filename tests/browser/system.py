@@ -49,11 +49,15 @@ class System:
         assert self._server is not None
         _end(self._server)
 
-    def start_vehicle(self, name: str = "car-7", source: str = "sim:city") -> None:
-        """Start a vehicle that drives through a town and gives its originals, if it does not drive already."""
+    def start_vehicle(self, name: str = "car-7", source: str = "sim:city", *, keep: bool = False) -> None:
+        """Start a vehicle that drives through a town and gives its originals, if it does not drive already.
+
+        keep: it keeps what it sees
+        """
         if name not in self._vehicles:
+            more = ["--keep", "64MB", "--keep-dir", str(self.folder / f"{name}-kept")] if keep else []
             rate = ["--rate", str(RATE_HZ)]
-            self._vehicles[name] = self._start("publish", source, "--vehicle", name, *rate, "--original")
+            self._vehicles[name] = self._start("publish", source, "--vehicle", name, *rate, "--original", *more)
 
     def start_sensors(self, name: str, sensors: str) -> None:
         """Start a vehicle with several sensors, if it does not drive already. sensors: YAML, a line each"""

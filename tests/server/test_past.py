@@ -15,7 +15,7 @@ from lidarcodec.recording.marks import Mark
 from lidarcodec.wire import peek
 from lidarcodec_server.past import fetches, marked
 from lidarcodec_server.tokens import create_token
-from tests.apps.past.kept_drive import KEYS, SMALL, big, ring
+from tests.apps.past.kept_drive import KEYS, SMALL, big, kept, ring
 from tests.apps.streams import START_NS, Loop
 from tests.server.conftest import STREAM, until
 
@@ -30,11 +30,15 @@ def config(config, tmp_path):
 
 @pytest.fixture
 def keeping(network, tmp_path):
-    """Function that starts car-7/roof with a ring in which 60 frames were kept; it is stopped after the test."""
-    ring(tmp_path / "ring", 0, 60)
+    """Function that starts car-7/roof with a ring in which 60 frames were kept; it is stopped after the test.
+
+    write: what was kept instead
+    """
     started = []
 
-    def start():
+    def start(write=lambda folder: ring(folder, 0, 60)):
+        if not started:
+            write(tmp_path / "ring")
         car = Publisher(
             Loop(),
             vehicle="car-7",
@@ -94,6 +98,22 @@ async def test_a_clip_is_fetched_once_and_then_here(serving, keeping):
         part = await client.get(PAST, params=span(12, 27), headers={"Range": "bytes=0-7"})
         assert (part.status_code, part.content) == (206, b"\x89MCAP0\r\n")
         assert await actions(client) == ["fetch"], "exactly one entry: the second request changed nothing"
+
+
+async def test_a_clip_is_played_as_a_stream_and_stopped_again(serving, keeping):
+    keeping(lambda folder: kept(folder, 12))
+    async with serving() as client:
+        await seen(client)
+        where = (await client.get(PAST, params=span(0, 9))).headers["location"]
+        assert (await client.post(f"{FETCHES}/20261126T120000Z-000000/play", json={})).status_code == 404
+        name = (await ended(client, where))["id"]
+        played = await client.post(f"{where}/play", json={"loop": True})
+        assert played.status_code == 201, played.text
+        assert (played.json()["vehicle"], played.json()["sensor"]) == (f"playback-{name}", "roof")
+        assert (await client.post(f"{where}/play", json={})).status_code == 409
+        assert (await client.get(where)).json()["playing"]["loop"] is True
+        assert (await client.delete(f"/api/v1/recordings/{name}/play")).status_code == 204
+        assert (await client.get(where)).json()["playing"] is None
 
 
 async def test_the_same_request_joins_the_running_fetch_and_it_goes_on_after_a_restart(serving, keeping, monkeypatch):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from datetime import datetime
+from pathlib import Path as FilePath
 from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import APIRouter, Body, Depends, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection, Request
 
 from lidarcodec.apps.past.plan import Clip
@@ -27,7 +30,8 @@ from lidarcodec_server.past.fetches import Fetches, NoFetchError, TooManyFetches
 from lidarcodec_server.past.marked import MAX_ANSWER
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream, time_of
-from lidarcodec_server.routes.live import TheDownloads
+from lidarcodec_server.routes.live import TheDownloads, TheRecordings
+from lidarcodec_server.routes.recordings import BUSY, PlayBody, PlayingAnswer, checked, play_request, recording_problems
 from lidarcodec_server.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["past"])
@@ -69,11 +73,14 @@ class FetchAnswer(BaseModel):
     reason: str | None = Field(description="Why it failed.")
     size_bytes: int = Field(description="Of the clip, once it is complete.")
     clip: str | None = Field(description="Path of the clip, once it is complete.")
+    playing: PlayingAnswer | None = Field(default=None, description="The playback of its clip; null without one.")
     progress: ProgressAnswer | None = Field(description="Null when it is over.")
 
     @classmethod
-    def of(cls, record: Record, progress: dict[str, Any] | None = None) -> FetchAnswer:
-        """From a record."""
+    def of(
+        cls, record: Record, progress: dict[str, Any] | None = None, playing: dict[str, Any] | None = None
+    ) -> FetchAnswer:
+        """From a record. playing: the state of the playback of its clip"""
         clip, keys = record.clip, record.clip.keys
         here = f"/api/v1/streams/{keys.vehicle}/{keys.sensor}/past?from={clip.from_ns}&to={clip.to_ns}"
         return cls(
@@ -89,6 +96,7 @@ class FetchAnswer(BaseModel):
             reason=record.reason,
             size_bytes=record.size,
             clip=here if record.state == "complete" else None,
+            playing=None if playing is None else PlayingAnswer.of(playing),
             progress=None if progress is None else ProgressAnswer(**progress),
         )
 
@@ -232,18 +240,41 @@ def release_mark(
 
 
 @router.get("/fetches", responses=FULL)
-def all_fetches(fetches: TheFetches, client: Viewer) -> list[FetchAnswer]:
+def all_fetches(fetches: TheFetches, recordings: TheRecordings, client: Viewer) -> list[FetchAnswer]:
     """All fetches, newest first, without their progress."""
-    return [FetchAnswer.of(record) for record in fetches.all()]
+    return [FetchAnswer.of(record, None, recordings.playing(record.id)) for record in fetches.all()]
 
 
 @router.get("/fetches/{id}", responses=NO_SUCH)
-def one_fetch(fetches: TheFetches, id: Id, client: Viewer) -> FetchAnswer:
+def one_fetch(fetches: TheFetches, recordings: TheRecordings, id: Id, client: Viewer) -> FetchAnswer:
     """One fetch, and its progress."""
-    try:
-        return FetchAnswer.of(*fetches.state(id))
-    except NoFetchError as error:
-        raise ProblemError(404, str(error), "unknown-fetch") from None
+    record, progress = _state(fetches, id)
+    return FetchAnswer.of(record, progress, recordings.playing(id))
+
+
+@router.post("/fetches/{id}/play", status_code=201, responses={**NO_SUCH, **BUSY})
+async def play(
+    service: TheService,
+    fetches: TheFetches,
+    recordings: TheRecordings,
+    id: Id,
+    operation: Annotated[Operation, operates("play")],
+    body: Annotated[PlayBody | None, Body()] = None,
+) -> PlayingAnswer:
+    """Play a fetched clip as a stream of its own. `/recordings/{id}/play` holds, moves and stops it, with its id."""
+    operation.about = {"fetch": id[:64]}
+    wanted = checked(body)
+    record, _ = _state(fetches, id)
+    path = await run_in_threadpool(fetches.clip, record.clip)
+    if record.state != "complete" or path is None:
+        raise ProblemError(404, "the clip is not here: fetch it first", "unknown-fetch")
+
+    async def borrow() -> tuple[FilePath, Callable[[], None]]:
+        return path, lambda: None
+
+    with recording_problems():
+        request = play_request(service, operation, wanted, id, record.clip.keys.sensor)
+        return PlayingAnswer.of(await recordings.play_file(id, request, borrow))
 
 
 @router.delete("/fetches/{id}", responses={**NO_SUCH, **FULL})
@@ -256,6 +287,14 @@ def cancel(fetches: TheFetches, id: Id, operation: Annotated[Operation, operates
         raise ProblemError(404, str(error), "unknown-fetch") from None
     operation.keys = record.clip.keys
     return FetchAnswer.of(record)
+
+
+def _state(fetches: Fetches, name: str) -> tuple[Record, dict[str, Any] | None]:
+    """A fetch and its progress. Raises ProblemError 404."""
+    try:
+        return fetches.state(name)
+    except NoFetchError as error:
+        raise ProblemError(404, str(error), "unknown-fetch") from None
 
 
 def _begin(fetches: Fetches, clip: Clip, by: str, *, stays: bool = False) -> Record:

@@ -73,6 +73,8 @@ export interface Stream {
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
     sensor_model?: { note?: string | null };
     preparing?: string | null;
+    /** What the vehicle keeps; null if it keeps nothing. */
+    past?: object | null;
     errors?: Record<string, number>;
   } | null;
 }

@@ -5,6 +5,7 @@ import { count, ms } from "../model/format";
 import { noticeOf } from "../model/notice";
 import { saveAs } from "../model/saving";
 import { titleOf } from "../model/title";
+import { Past } from "../past/past";
 import { beside, besideKeys, box, mount, wantedStand, watchMounts } from "../scene/state";
 import {
   chosen,
@@ -123,6 +124,7 @@ export function Viewer() {
         <Notice told={stats.value} />
       </div>
       {chosenRow.value?.playback && <Playback id={chosenRow.value.playback} />}
+      {key !== null && known && !chosenRow.value?.playback && <Past key={key} name={key} />}
       <Footer told={stats.value} />
     </main>
   );

@@ -1,0 +1,79 @@
+import { expect, test } from "vitest";
+import type { Recording } from "../model/wire";
+import { barsOf, type Clip, lastOf, percentOf, recorded, rowText, secondsOf, stateText } from "./spans";
+
+const SECOND = 1e9;
+const at = (seconds: number) => 1_700_000_000 * SECOND + seconds * SECOND;
+
+function clip(changes: Partial<Clip>): Clip {
+  const span = { from_ns: at(0), to_ns: at(30), clip: null, playing: null };
+  return {
+    id: "20261126T120000Z-3fa2c9",
+    vehicle: "car-7",
+    sensor: "roof",
+    state: "running",
+    by: "me",
+    reason: null,
+    size_bytes: 0,
+    progress: null,
+    ...span,
+    ...changes,
+  };
+}
+
+test("the last seconds end with the newest frame that the vehicle keeps, by its own clock", () => {
+  const kept = {
+    vehicle: [[at(-50), at(-40)] as [number, number], [at(-30), at(7)] as [number, number]],
+    here: [],
+    marks: [],
+  };
+  expect(lastOf(kept, 30)).toEqual({ from: "1699999977000000000", to: "1700000007000000000" });
+  expect(lastOf({ ...kept, vehicle: null }, 30)).toBeNull();
+  expect(lastOf(null, 30)).toBeNull();
+});
+
+test("a time line shows what is inside it, and short clips can be seen", () => {
+  const line: [number, number] = [at(0) / 1e6, at(100) / 1e6];
+  expect(barsOf([[at(-10), at(25)]], ...line)).toEqual([{ left: 0, width: 25 }]);
+  expect(barsOf([[at(-10), at(-1)]], ...line)).toEqual([]);
+  const [end] = barsOf([[at(99.99), at(100)]], ...line);
+  expect((end?.left ?? 0) + (end?.width ?? 0)).toBeCloseTo(100);
+  expect(end?.width).toBeGreaterThan(0.1);
+});
+
+test("what overlaps counts once, and nothing is said to be nothing", () => {
+  expect(
+    secondsOf([
+      [at(0), at(20)],
+      [at(10), at(30)],
+      [at(40), at(50)],
+    ]),
+  ).toBe(40);
+  expect(rowText([])).toBe("nothing");
+  expect(
+    rowText([
+      [at(0), at(20)],
+      [at(60), at(80)],
+    ]),
+  ).toMatch(/^40 s in 2 parts, .* to /);
+});
+
+test("a recording that was interrupted has no known end, and is not shown as if it went on", () => {
+  const one = { vehicle: "car-7", sensor: "roof", started: "2026-11-26T12:00:00Z", ended: null } as Recording;
+  const now = Date.parse("2026-11-26T12:00:10Z");
+  expect(secondsOf(recorded([{ ...one, state: "recording" }], "car-7", "roof", now))).toBe(10);
+  expect(recorded([{ ...one, state: "interrupted" }], "car-7", "roof", now)).toEqual([]);
+  expect(recorded([{ ...one, state: "recording" }], "car-7", "front", now)).toEqual([]);
+});
+
+test("a fetch says how far it is, what it waits for, and why it failed", () => {
+  const progress = { listed: true, bytes: 2_000_000, bytes_done: 500_000, gaps: [], waiting: null };
+  expect(percentOf(progress)).toBe(25);
+  expect(stateText(clip({ progress }))).toBe("Fetching: 25 % of 2.0 MB.");
+  expect(stateText(clip({ progress: { ...progress, waiting: "for the vehicle to answer" } }))).toBe(
+    "Waiting for the vehicle to answer, 25 % are here.",
+  );
+  expect(percentOf({ ...progress, listed: false })).toBeNull();
+  expect(stateText(clip({ progress: null }))).toContain("Asking the vehicle");
+  expect(stateText(clip({ state: "failed", reason: "it kept nothing" }))).toBe("Failed: it kept nothing");
+});

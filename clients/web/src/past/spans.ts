@@ -1,0 +1,121 @@
+/** What a vehicle keeps, what is here of it, and clips on their way; as text, and as places on a time line. */
+import { bytes, clock, span as lengthText, moment } from "../model/format";
+import type { Playing, Recording } from "../model/wire";
+
+/** Begin and end in ns since the Unix epoch; a double is exact to a quarter of a microsecond there. */
+export type Span = [number, number];
+
+export interface Kept {
+  /** null: the vehicle does not answer, or keeps nothing. */
+  vehicle: Span[] | null;
+  here: Span[];
+  marks: { name: string; from_ns: number; to_ns: number; reason: string }[];
+}
+
+export interface Progress {
+  listed: boolean;
+  bytes: number;
+  bytes_done: number;
+  gaps: Span[];
+  waiting: string | null;
+}
+
+export interface Clip {
+  id: string;
+  vehicle: string;
+  sensor: string;
+  from_ns: number;
+  to_ns: number;
+  state: "running" | "complete" | "failed" | "cancelled";
+  by: string;
+  reason: string | null;
+  size_bytes: number;
+  clip: string | null;
+  playing: Playing | null;
+  progress: Progress | null;
+}
+
+/** A piece of a row of the time line: place and width in per cent. */
+export interface Bar {
+  left: number;
+  width: number;
+}
+
+const MS = 1e6;
+/** Bars are at least so wide, in per cent, so that short clips are seen on a long line. */
+const LEAST = 0.4;
+
+/** The last seconds that a vehicle keeps, as `from` and `to` of a request. null: it keeps nothing that is known. */
+export function lastOf(kept: Kept | null, seconds: number): { from: string; to: string } | null {
+  const ends = (kept?.vehicle ?? []).map(([, end]) => end);
+  if (ends.length === 0) return null;
+  const endMs = Math.ceil(Math.max(...ends) / MS);
+  return { from: `${endMs - 1000 * seconds}000000`, to: `${endMs}000000` };
+}
+
+/** Spans on a line that begins and ends at these times in ms. What is outside is left out. */
+export function barsOf(spans: Span[], beginMs: number, endMs: number): Bar[] {
+  const whole = endMs - beginMs;
+  return spans.flatMap(([from, to]) => {
+    const begin = Math.max(from / MS, beginMs);
+    const end = Math.min(to / MS, endMs);
+    if (end <= begin) return [];
+    const width = Math.max((100 * (end - begin)) / whole, LEAST);
+    return [{ left: Math.min((100 * (begin - beginMs)) / whole, 100 - width), width }];
+  });
+}
+
+/** Spans of the server's recordings of a stream. One that runs goes on until now. */
+export function recorded(all: Recording[], vehicle: string, sensor: string, nowMs: number): Span[] {
+  return all
+    .filter((one) => one.vehicle === vehicle && one.sensor === sensor)
+    .flatMap((one): Span[] => {
+      const end = one.ended === null ? (one.state === "recording" ? nowMs : null) : Date.parse(one.ended);
+      return end === null ? [] : [[MS * Date.parse(one.started), MS * end]];
+    });
+}
+
+/** Total length of spans in seconds; where they overlap, it counts once. */
+export function secondsOf(spans: Span[]): number {
+  let total = 0;
+  let at = Number.NEGATIVE_INFINITY;
+  for (const [from, to] of [...spans].sort((a, b) => a[0] - b[0])) {
+    total += Math.max(0, to - Math.max(from, at));
+    at = Math.max(at, to);
+  }
+  return total / 1e9;
+}
+
+/** A row of the time line in words. */
+export function rowText(spans: Span[]): string {
+  const first = Math.min(...spans.map(([from]) => from));
+  const last = Math.max(...spans.map(([, to]) => to));
+  if (spans.length === 0) return "nothing";
+  const when = `${moment(new Date(first / MS).toISOString())} to ${moment(new Date(last / MS).toISOString())}`;
+  const parts = spans.length > 1 ? ` in ${spans.length} parts` : "";
+  return `${lengthText(secondsOf(spans))}${parts}, ${when}`;
+}
+
+/** A clip's span in words: `12:00:05, 30 s`. */
+export function clipText(one: Clip): string {
+  const seconds = Math.round((one.to_ns - one.from_ns) / 1e9);
+  return `${moment(new Date(one.from_ns / MS).toISOString())}, ${seconds < 90 ? `${seconds} s` : clock(seconds)}`;
+}
+
+/** How far a clip is: whole per cent, null while its size is not known. */
+export function percentOf(progress: Progress | null): number | null {
+  if (progress === null || !progress.listed || progress.bytes === 0) return null;
+  return Math.min(100, Math.floor((100 * progress.bytes_done) / progress.bytes));
+}
+
+/** The state of a clip in a sentence. */
+export function stateText(one: Clip): string {
+  if (one.state === "complete") return `Here, exactly: ${bytes(one.size_bytes)}.`;
+  if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was told"}`;
+  if (one.state === "cancelled") return "Cancelled.";
+  const percent = percentOf(one.progress);
+  if (one.progress?.waiting)
+    return `Waiting ${one.progress.waiting}${percent === null ? "" : `, ${percent} % are here`}.`;
+  if (percent === null) return "Asking the vehicle what it kept …";
+  return `Fetching: ${percent} % of ${bytes(one.progress?.bytes ?? 0)}.`;
+}
