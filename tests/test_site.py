@@ -18,6 +18,7 @@ from tests.conftest import ROOT
 
 DOCS = ROOT / "docs"
 SITE = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 REPOSITORY = "https://example.org/repository"
 
 
@@ -38,14 +39,15 @@ def pages(entry):
 
 def test_the_menu_names_every_page_once():
     named = pages(SITE["nav"])
-    written = [page for page in named if page != "python-reference.md"]  # the hook writes that one
+    made = ["python-reference.md", *(f"notebooks/{path.stem}.md" for path in NOTEBOOKS)]  # by the hook
+    written = [page for page in named if page not in made]
     assert sorted(written) == sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
-    assert len(named) == len(set(named)) == len(written) + 1
+    assert len(named) == len(set(named)) == len(written) + len(made)
 
 
 def test_the_index_names_every_page_but_those_of_an_index_of_their_own():
     text = (DOCS / "index.md").read_text()
-    for path in DOCS.rglob("*.md"):
+    for path in [*DOCS.rglob("*.md"), *NOTEBOOKS]:
         name = path.relative_to(DOCS).as_posix()
         assert name == "index.md" or name.startswith("decisions/0") or f"]({name})" in text, name
 
@@ -72,6 +74,18 @@ def test_the_reference_has_every_public_name():
     text = loaded("hooks").reference()
     told = re.findall(r"^::: lidarcodec\.(\w+)$", text, flags=re.MULTILINE)
     assert sorted([*told, "LidarCodecError", "__version__"]) == sorted(lidarcodec.__all__)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_page_of_a_notebook_has_its_pictures_and_its_links_lead_somewhere(path):
+    page, pictures = loaded("notebooks").page_of(path)
+    assert page.startswith("# ")
+    assert set(re.findall(r"!\[[^]]*\]\((.*?)\)", page)) == set(pictures)
+    assert pictures
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures.values())
+    for link in re.findall(r"(?<!!)\[[^]]*\]\(([^)#:]+)(?:#[^)]*)?\)", re.sub(r"(?s)```.*?```", "", page)):
+        if not link.endswith(".png"):
+            assert (path.parent / link).is_file(), link
 
 
 def test_fields_of_docstrings_become_lists():

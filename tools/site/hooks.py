@@ -1,4 +1,6 @@
-"""What the site (mkdocs.yml) needs beyond docs/: links that leave it, anchors like GitHub's, a page of public names."""
+"""What the site (mkdocs.yml) needs beyond docs/: links that leave it, anchors like GitHub's, pages of public names and
+of notebooks.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +8,14 @@ import ast
 import logging
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 DOCS = ROOT / "docs"
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]+)?\)")
+NOTEBOOK = re.compile(r"\]\(([^)\s#:]+)\.ipynb\)")
 LOG = logging.getLogger("mkdocs.hooks.lidarcodec")
 
 
@@ -70,13 +74,25 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the page of the public names."""
+    """Add the page of the public names, and a page of each notebook."""
     from mkdocs.structure.files import File
 
+    sys.path.insert(0, str(Path(__file__).parent))
+    from notebooks import page_of
+
     files.append(File.generated(config, "python-reference.md", content=reference()))
+    for path in sorted((DOCS / "notebooks").glob("*.ipynb")):
+        page, pictures = page_of(path)
+        for name, content in {f"{path.stem}.md": page, **pictures}.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
-    """Lead links that leave docs/ to the repository."""
+    """Lead links that leave docs/ to the repository, and links to notebooks to their pages."""
+    if page.file.src_uri.startswith("notebooks/"):  # but the last link, to the notebook itself
+        text, joint, own = markdown.rpartition("[This page as a notebook]")
+        markdown = NOTEBOOK.sub(r"](\1.md)", text) + joint + own
+    else:
+        markdown = NOTEBOOK.sub(r"](\1.md)", markdown)
     return links_out(markdown, DOCS / page.file.src_uri, config.repo_url)
