@@ -11,6 +11,11 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from lidarcodec.commands.localise.messages import pose_json
+from lidarcodec.maps.localise.tracker import Estimate
+from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
 from tests import asking
 from tests.browser.system import LIMIT_S
 
@@ -103,6 +108,29 @@ def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fle
     expect(legend).to_be_visible()
     assert figures(page)["largest"] == "0 mm", "only what was measured is compared"
     change(fleet, reduction="auto")
+
+
+def test_where_localise_finds_the_sensor_is_shown_with_its_doubt_and_lost_as_lost(fleet, page):
+    line = page.locator(".lidar-where")
+    expect(line).to_be_hidden()
+    with open_transport(Endpoints(loopback_port=fleet.meeting)) as transport:
+        sender = transport.sender(StreamKeys("car-7", "lidar").pose("locator"), Priority.STATUS)
+
+        def said(state: str, shown: str) -> None:
+            pose = np.eye(4)
+            pose[:2, 3] = 12.5, -3.25
+            known = (pose, np.diag([1e-4, 4e-4, 1e-4, 1e-6, 1e-6, 4e-6])) if state == "tracking" else (None, None)
+
+            def say() -> str:
+                sender.put(pose_json(Estimate(time.time_ns(), state, *known, 0.5, 0.6), "town", "local"))
+                return line.inner_text() if line.is_visible() else ""
+
+            when(say, lambda text: text == shown, state)
+
+        said("tracking", "In map town: x 12.50 m, y -3.25 m, yaw 0.0° ± 2.0 cm, ± 0.11°")
+        said("lost", "Lost in map town")
+        expect(line).to_have_class(re.compile("lidar-lost"))
+    expect(line).to_be_hidden()  # nobody says anything any more
 
 
 def test_a_point_that_is_clicked_shows_its_fields_and_two_of_them_their_distance(page):

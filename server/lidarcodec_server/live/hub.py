@@ -181,9 +181,9 @@ class LiveHub:
     async def _open(self, keys: StreamKeys, place: _Place) -> Watch:
         watch = Watch(keys, self._transport(), self._loop)
         try:
-            await self._loop.run_in_executor(self._openers, watch.receiver.start)
+            await self._loop.run_in_executor(self._openers, watch.start)
         except BaseException:  # no caller waits for it any more
-            self._loop.run_in_executor(self._openers, watch.receiver.close)
+            self._loop.run_in_executor(self._openers, watch.close)
             raise
         logger.info("%s is watched", keys.prefix)
         place.watch, place.ticker = watch, self._loop.create_task(self._tick(watch))
@@ -205,7 +205,7 @@ class LiveHub:
             if watch is not None:
                 if place.ticker is not None:
                     place.ticker.cancel()
-                await self._loop.run_in_executor(self._openers, watch.receiver.close)
+                await self._loop.run_in_executor(self._openers, watch.close)
                 logger.info("%s is not watched any more", keys.prefix)
             if not place.users and self._places.get(keys) is place:
                 del self._places[keys]
@@ -221,11 +221,11 @@ class LiveHub:
         """Replace a receiver that failed; the viewers stay."""
         self.counts["receivers failed"] += 1
         logger.warning("%s: receiving starts again: %s", watch.keys.prefix, watch.receiver.failure)
-        await self._loop.run_in_executor(self._openers, watch.receiver.close)
+        await self._loop.run_in_executor(self._openers, watch.close)
         await asyncio.sleep(MEND_S)
         try:
             watch.renew(self._transport())
-            await self._loop.run_in_executor(self._openers, watch.receiver.start)
+            await self._loop.run_in_executor(self._openers, watch.start)
         except Exception as error:  # for any error: the next check tries again
             logger.debug("%s: receiving still fails: %s", watch.keys.prefix, error)
 

@@ -41,6 +41,7 @@ class Viewer(ABC):
         self.window = window
         self.sent = self.sent_bytes = 0
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self._poses: dict[str, dict[str, Any]] = {}
         self._in_flight: deque[tuple[int, float]] = deque()
         self._changed = asyncio.Event()
         self._gives_way = asyncio.Event()
@@ -57,6 +58,13 @@ class Viewer(ABC):
     def tell(self, event: dict[str, Any]) -> None:
         """Send an event soon, without waiting for acknowledgements."""
         self._events.append(event)
+        self._changed.set()
+
+    def locate(self, event: dict[str, Any]) -> None:
+        """Tell where a program says that the sensor is; it replaces what that program said and is not sent yet."""
+        self._poses[event["receiver"]] = event
+        while len(self._poses) > EVENTS:
+            del self._poses[next(iter(self._poses))]
         self._changed.set()
 
     def give_way(self) -> None:
@@ -83,6 +91,8 @@ class Viewer(ABC):
         while True:
             self._changed.clear()
             events = [self._events.popleft() for _ in range(len(self._events))]
+            events += self._poses.values()
+            self._poses.clear()
             pause_s = self._pause_s()
             if len(self._in_flight) < self.window and pause_s <= 0:
                 parcel = await self._next(events, work)

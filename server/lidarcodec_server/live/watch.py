@@ -22,6 +22,7 @@ from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import SERVER_RECEIVER, StreamKeys
 from lidarcodec_server.live.chain import coded
 from lidarcodec_server.live.cloud_format import Facts
+from lidarcodec_server.live.located import Located
 from lidarcodec_server.live.originals import Originals
 from lidarcodec_server.live.view import FrameView
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
@@ -88,6 +89,17 @@ class Watch:
             transport=transport,
             decoding=self._decoders > 0,
         )
+        self._located = Located(self.keys, transport, lambda event: self._call(self._locate, event))
+
+    def start(self) -> None:
+        """Begin to receive. May wait for the network. Raises TransportError."""
+        self.receiver.start()
+        self._located.start()
+
+    def close(self) -> None:
+        """Stop receiving. May wait for the network."""
+        self._located.close()
+        self.receiver.close()
 
     # --- for the hub ------------------------------------------------------------------------------------------------
 
@@ -291,6 +303,10 @@ class Watch:
             self._told[what] = value
             if event is not None:
                 self._tell(event)
+
+    def _locate(self, event: dict[str, Any]) -> None:
+        for viewer in self.viewers:
+            viewer.locate(event)
 
     def _tell(self, event: dict[str, Any]) -> None:
         for viewer in self.viewers:

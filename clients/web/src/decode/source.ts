@@ -91,6 +91,7 @@ export class DecodingSource implements FrameSource {
         else sink.frame(frame, sensor, shown);
       },
       restarted: () => sink.restarted(),
+      located: (told) => sink.located?.(told),
       changed: () => sink.changed(),
     };
     this.#socket = new CloudSocket(this.options, watched);

@@ -11,7 +11,8 @@ import { captioned } from "./draw/picture";
 import { firstScene, Renderer, type Scene } from "./draw/renderer";
 import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
-import { MapTiles } from "./map/tiles";
+import { Town } from "./map/town";
+import type { PoseEvent } from "./map/where";
 import { Measure } from "./measure/measure";
 import { LOST, NO_ORIGINALS, NO_WEBGL, TOO_WIDE } from "./messages";
 import { Motion } from "./motion";
@@ -48,6 +49,7 @@ export class LiveView implements View, Sink {
   readonly #motion = new Motion();
   readonly #quality = new Quality();
   readonly #tally = new Tally();
+  readonly #town = new Town(() => this.#wake());
   readonly #comparing = new Comparing();
   readonly #resized: ResizeObserver;
   readonly #timer: number;
@@ -191,13 +193,9 @@ export class LiveView implements View, Sink {
     this.#again();
   }
 
-  restarted(): void {
-    this.#clear();
-  }
-
-  changed(): void {
-    this.#report();
-  }
+  readonly restarted = () => this.#clear();
+  readonly changed = () => this.#report();
+  readonly located = (told: PoseEvent) => this.#town.told(told, performance.now());
 
   // --- within -------------------------------------------------------------------------------------------------------
 
@@ -212,10 +210,8 @@ export class LiveView implements View, Sink {
 
   /** Draw the map of the options, for streams that are opened with a token. */
   #chooseMap(): void {
-    this.#scene.map?.close();
-    const name = this.#stream ? this.#options.map : null;
-    this.#scene.map = name === null ? null : new MapTiles(name, this.#stream?.token, () => this.#wake());
-    this.#wake();
+    this.#town.choose(this.#stream ? this.#options.map : null, this.#stream?.token);
+    this.#scene.map = this.#town.tiles;
   }
 
   #disconnect(): void {
@@ -232,6 +228,7 @@ export class LiveView implements View, Sink {
     this.#measure.clear();
     this.#ground.reset();
     this.#motion.reset();
+    this.#town.reset();
     this.#tally.reset();
     this.#wake();
   }
@@ -318,7 +315,7 @@ export class LiveView implements View, Sink {
       this.#tally.shown(frame, drawn, now, Date.now() + aheadMs);
     }
     if (!taken || !this.#last) return false;
-    this.#scene.map?.move(this.#motion.known ? this.#motion.pose : null, now);
+    this.#town.frame(this.#last.frame, this.#motion, now);
     this.#camera.heading = this.#motion.turned();
     this.#comparing.take(this.#options.compare ? this.#last.frame : null);
     return true;
@@ -350,6 +347,7 @@ export class LiveView implements View, Sink {
     scene.rangeImage = rangeImage;
     scene.ground = this.#ground.z;
     scene.pose = this.#motion.known ? this.#motion.pose : null;
+    scene.mapPose = this.#town.pose(this.#last?.frame ?? null, this.#motion, this.#before);
     scene.theme = this.#theme.theme;
     scene.shaded = this.#quality.level === 2;
     scene.box = this.#options.box;
@@ -375,6 +373,8 @@ export class LiveView implements View, Sink {
     const now = performance.now();
     const source = this.#source;
     const stats = this.#tally.stats(now);
+    if (this.#town.look(now)) this.#wake();
+    this.#overlay.where(this.#town.line, this.#town.lost);
     const unpaired = this.#options.compare && this.#last && !stats.stale && this.#comparing.lacksOriginals(now);
     if (this.#renderer) this.#overlay.message(this.#tooWide ? TOO_WIDE : unpaired ? NO_ORIGINALS : "");
     const gpuBytes = (this.#renderer?.bytes ?? 0) + this.#guests.bytes;

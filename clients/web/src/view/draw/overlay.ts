@@ -67,6 +67,7 @@ export class Overlay {
   readonly #figures: HTMLElement;
   readonly #message: HTMLElement;
   readonly #made: HTMLElement;
+  readonly #where: HTMLElement;
   #strip = 0;
 
   constructor(host: HTMLElement) {
@@ -80,6 +81,8 @@ export class Overlay {
     this.#figures = element("dl", "lidar-figures", this.root);
     this.#made = element("p", "lidar-made", this.root);
     this.#made.hidden = true;
+    this.#where = element("p", "lidar-where", this.root);
+    this.where("", false);
     this.#message = element("p", "lidar-message", this.root);
     this.#message.setAttribute("role", "status");
     this.message("");
@@ -98,6 +101,13 @@ export class Overlay {
         this.#made,
         `${measured.toLocaleString("en")} measured · ${madeUp.toLocaleString("en")} filled in, fainter`,
       );
+  }
+
+  /** Where the sensor is in a map, or that it is lost there; empty: nobody says. */
+  where(line: string, lost: boolean): void {
+    this.#where.hidden = line === "";
+    this.#where.classList.toggle("lidar-lost", lost);
+    write(this.#where, line);
   }
 
   /** colour: null while nothing is shown that a scale would explain */

@@ -43,8 +43,9 @@ export interface Scene {
   ground: number;
   /** Where the sensor is now, if that is known. */
   pose: Pose | null;
-  /** The map under the cloud. */
+  /** The map under the cloud, and where the sensor is in it now. */
   map: MapTiles | null;
+  mapPose: Pose | null;
   theme: Theme;
   /** Shade edges: costs a pass over all pixels. */
   shaded: boolean;
@@ -64,6 +65,7 @@ export function firstScene({ colour, rangeImage }: ViewOptions, theme: Theme, gu
     ground: -1.7,
     pose: null,
     map: null,
+    mapPose: null,
     shaded: true,
   };
   return { ...still, colour, rangeImage, theme, box: null, guests };
@@ -173,7 +175,7 @@ export class Renderer {
       this.#frameRect(pane.cloud);
       this.viewOf(camera, scene, pane, this.#both);
       this.#drawGround(scene);
-      this.#map.draw(scene.map, this.#both, scene.pose, scene.pointSize, scene.theme);
+      this.#map.draw(scene.map, this.#both, scene.mapPose, scene.pointSize, scene.theme);
       this.#drawPoints(scene, scene.compare && number === 0, scene.compare && number === 1);
       if (!scene.compare) for (const guest of scene.guests) this.#drawPoints(scene, false, false, guest);
       gl.enable(gl.BLEND);

@@ -13,6 +13,7 @@ const POINT_BYTES = 12;
 /** Points that the server gives of a tile at most. */
 const TILE_POINTS = 100_000;
 const PATIENCE_MS = 20_000;
+const NOT_FOUND = "The map is not drawn: it is not known where in it the sensor is.";
 const NO_POSE = "The map is not drawn: this stream has no poses.";
 
 export interface MapTile {
@@ -56,13 +57,13 @@ export class MapTiles {
     private readonly changed: () => void,
   ) {}
 
-  /** Hold the tiles around a pose in the map; without one none is drawn. */
-  move(pose: Pose | null, now: number): void {
+  /** Hold the tiles around a pose in the map; without one none is drawn. sought: a program looks for the sensor in it */
+  move(pose: Pose | null, now: number, sought = false): void {
     if (pose === null) {
-      this.note = NO_POSE;
+      this.note = sought ? NOT_FOUND : NO_POSE;
       return;
     }
-    if (this.note === NO_POSE) this.note = null;
+    if (this.note === NO_POSE || this.note === NOT_FOUND) this.note = null;
     const [x, y] = [pose[3] as number, pose[7] as number];
     const near = Math.hypot(x - this.#at[0], y - this.#at[1]) < MOVED_M;
     if (this.#busy || (near && now - this.#asked < LOOK_MS)) return;

@@ -2,6 +2,7 @@
  *
  * A frame is acknowledged when it was drawn, and two may be under way. So a slow page gets fewer frames, but none of them
  * late. While the page is hidden the socket is closed, because nothing would be drawn. */
+import type { PoseEvent } from "../map/where";
 import { Backoff } from "./backoff";
 import { parseFrame, type RangeFrame } from "./frame";
 import { type SensorEvent, type SensorTable, sensorTable } from "./sensor";
@@ -147,6 +148,7 @@ export class CloudSocket implements FrameSource {
     if (told.event === "hello" && told.server_ns && this.reception.ahead)
       this.clockAheadMs = told.server_ns / 1e6 - Date.now();
     else if (told.event === "restarted") this.sink.restarted();
+    else if (told.event === "pose") this.sink.located?.(told as unknown as PoseEvent);
     else if (told.event === "alive" || told.event === "gone") {
       this.alive = told.event === "alive";
       this.sink.changed();

@@ -1,5 +1,6 @@
 /** Sources of frames: the server's cloud socket, or the page's own decoder with the frames socket. */
 
+import type { PoseEvent } from "../map/where";
 import type { StreamName, ViewStats } from "../types";
 import type { RangeFrame } from "./frame";
 import type { SensorTable } from "./sensor";
@@ -10,6 +11,8 @@ export interface Sink {
   frame(frame: RangeFrame, sensor: SensorTable, shown: () => void): void;
   /** The publisher was restarted: the shown frames belong to another run. */
   restarted(): void;
+  /** A program says where the sensor is in a map. */
+  located?(told: PoseEvent): void;
   /** State, problem or publisher changed. */
   changed(): void;
 }
