@@ -19,13 +19,13 @@ Angles are looked up per column and per laser and added by the addition theorem:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.errors import CalibrationError, SectionError
+from lidarcodec.errors import CalibrationError, SectionError, UnknownNameError
 from lidarcodec.other_cloud import other_cloud_of, second_returns_of
 from lidarcodec.sensors.clouds.points import cloud_points
 from lidarcodec.side import Role, SideInfo
@@ -59,8 +59,10 @@ BOTH_DTYPE = np.dtype([*CLOUD_DTYPE.descr, ("return_number", "u1")])
 def cloud_of(frame: Frame, returns: Returns = "first") -> npt.NDArray[np.void]:
     """Points of the frame's valid returns; of `all`, second returns too, and with a field `return_number`.
 
-    (N,) CLOUD_DTYPE or BOTH_DTYPE of an HDL-64E; see `other_cloud` for other sensors.
+    (N,) CLOUD_DTYPE or BOTH_DTYPE of an HDL-64E; see `other_cloud` for other sensors. Raises UnknownNameError.
     """
+    if returns not in get_args(Returns):
+        raise UnknownNameError("choice of returns", str(returns), dict.fromkeys(get_args(Returns)))
     if frame.sensor.is_cloud:
         return cloud_points(frame, both=returns == "all")
     if not frame.sensor.is_hdl64e:

@@ -10,6 +10,7 @@ import pytest
 
 import lidarcodec
 from lidarcodec.commands.outputs.base import NARROW
+from lidarcodec.errors import UnknownNameError
 from tests.command_line import run_here, the_one_line
 
 SWEEP = pytest.mark.sweep
@@ -100,6 +101,8 @@ def test_all_returns_are_refused_where_they_could_not_be_told_apart(tmp_path, na
     refused = run_here("convert", DUAL, tmp_path / name, *words, "--returns", "all")
     assert refused.returncode == 2
     assert "--returns all" in the_one_line(refused) or "use .ply, .pcd, .las, .laz or .csv" in the_one_line(refused)
+    with pytest.raises(UnknownNameError, match="choose one of first, all"):
+        next(iter(lidarcodec.read_frames(DUAL))).cloud("last")
     assert "choose one of first, all" in the_one_line(run_here("convert", DUAL, tmp_path / "a.ply", "--returns", "2"))
 
 

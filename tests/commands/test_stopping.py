@@ -47,6 +47,20 @@ def test_a_signal_in_the_middle_of_a_wait_does_not_hang_the_command() -> None:
         assert woken.wait(10.0)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_wait_that_cannot_be_ended_is_interrupted() -> None:
+    def wake() -> None:
+        raise OSError("the source cannot be closed")
+
+    def command() -> None:
+        with stoppable(wake):
+            os.kill(os.getpid(), signal.SIGTERM)
+            threading.Event().wait(60.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        command()
+
+
 def test_without_a_signal_nothing_stops_and_a_new_start_has_forgotten() -> None:
     interrupter = Interrupter()
     interrupter.install()

@@ -35,12 +35,11 @@ def gps_seconds(stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
 
 
 def returns_of_beams(cloud: Cloud, number: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """(N,) uint8, how many points the beam of each point gave. A beam is a laser at a time.
+    """(N,) uint8, how many of these points the beam of each one gave. A beam is a laser at a time.
 
     number: (N,) which return of its beam a point is
     """
-    beams = np.zeros(len(cloud), [("t_ns", "i8"), ("laser", "i4")])
-    beams["t_ns"], beams["laser"] = cloud["t_ns"], cloud["laser"]
+    beams = (cloud["t_ns"] - cloud["t_ns"].min(initial=np.iinfo(np.int64).max)) * 256 + cloud["laser"]
     twice: npt.NDArray[np.bool_] = np.isin(beams, beams[number == 2])
     return np.where(twice, 2, 1).astype(np.uint8)
 

@@ -97,9 +97,14 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
     woken = threading.Event()
 
     def end_the_wait() -> None:
+        nonlocal asked_s
         try:
             if wake is not None:
                 wake()
+        except BaseException:  # nothing ends the wait now: interrupt it, as a later second signal would
+            asked_s = -SAME_WISH_S
+            _thread.interrupt_main()
+            raise
         finally:
             woken.set()
 

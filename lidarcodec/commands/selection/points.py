@@ -50,15 +50,14 @@ class Placing:
     @classmethod
     def of(cls, region: str | None, transform: str | None, *, merge: bool, returns: str = "first") -> Placing:
         """From the texts of the options. Raises SettingsError, UnknownNameError."""
-        for known in get_args(Returns):
-            if returns == known:
-                return cls(
-                    None if region is None else _region(region),
-                    None if transform is None else _transform(transform),
-                    merge=merge,
-                    returns=known,
-                )
-        raise UnknownNameError("choice of returns", returns, dict.fromkeys(get_args(Returns)))
+        if returns not in get_args(Returns):
+            raise UnknownNameError("choice of returns", returns, dict.fromkeys(get_args(Returns)))
+        return cls(
+            None if region is None else _region(region),
+            None if transform is None else _transform(transform),
+            merge=merge,
+            returns="all" if returns == "all" else "first",
+        )
 
     @property
     def given(self) -> str:
