@@ -18,7 +18,7 @@ from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.messages import Chosen, Coded, decoded_frames, messages_of
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.stores.table import open_store
+from lidarcodec.archive.stores.table import check_there, open_store
 from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.untrusted.times import time_ns_of
@@ -143,9 +143,10 @@ class Archive:
 def open_archive(where: str | Path) -> Archive:
     """An archive in a folder, or at `s3://BUCKET/PREFIX`, `gs://...` or `az://...`, to read frames from.
 
-    Raises UnknownNameError for another address, MissingExtraError without the extra `archive`, SourceError.
+    Raises UnknownNameError for another address, MissingExtraError without the extra `archive`, SourceError, also for a
+    folder that does not exist.
     """
-    return Archive(where)
+    return Archive(check_there(open_store(where)))
 
 
 def time_ns(time: Time) -> int:

@@ -67,7 +67,12 @@ def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
         places = places_of(value)
         if sum(place.frames for place in places) > MAX_FRAMES:
             raise ValueError(f"it has more than {MAX_FRAMES:,} frames")
-        if any(place.offset + place.length > value["bytes"] for place in places):
+        end = 0
+        for place in places:
+            if place.offset < end:
+                raise ValueError("a message lies over the one before it")
+            end = place.offset + place.length
+        if end > value["bytes"]:
             raise ValueError("a message lies beyond the end of the recording")
         if value["job"] == "compress":
             _check_input(value)

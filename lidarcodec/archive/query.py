@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from lidarcodec.archive.index import tables_to_read
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.table import Tables, duckdb_errors, with_tables
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import SettingsError, SourceError
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +66,8 @@ def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log
     def answer(connection: Any) -> tuple[list[str], list[tuple[Any, ...]]]:
         with nullcontext() if bounds is None else bounds.timed(connection):
             found = connection.execute(sql)
+            if found is None:
+                raise SettingsError("the query is empty", "sql")
             return [one[0] for one in found.description or ()], found.fetchall()
 
     (columns, rows), lost = _answered(store, answer, {} if bounds is None else bounds.options(), warn)

@@ -96,6 +96,31 @@ def test_frames_by_time_and_by_condition(filled):
         list(found.frames(between=("yesterday", "today")))
 
 
+def test_a_mistyped_folder_is_no_empty_archive(inputs, filled, tmp_path):
+    wrong = tmp_path / "mistyped"
+    for words in (
+        ("run", wrong, tmp_path / "out"),
+        ("run", inputs, wrong, "--job", "verify"),
+        ("run", wrong, wrong, "--job", "stats"),
+        ("query", wrong, "select 1"),
+        ("get", wrong, tmp_path / "a.pcap"),
+    ):
+        assert "is no folder" in archive(*words, code=1).stderr
+    with pytest.raises(lidarcodec.errors.SourceError, match="is no folder"):
+        lidarcodec.open_archive(wrong)
+    assert not wrong.exists()
+    assert "the query is empty" in archive("query", filled, "", code=2).stderr
+
+
+def test_a_commit_whose_messages_lie_over_each_other_is_damaged(filled):
+    """Each would be read and decoded as often as there are others."""
+    commit = next((filled / "commits").rglob("*.json"))
+    told = json.loads(commit.read_text())
+    commit.write_text(json.dumps(told | {"messages": [told["messages"][0]] * len(told["messages"])}))
+    with pytest.raises(lidarcodec.errors.SourceError, match="lies over the one before it"):
+        list(open_archive(filled).frames())
+
+
 def test_points_of_some_frames(filled, tmp_path):
     archive("get", filled, tmp_path / "some.ply", "--where", "frame = 1")
     assert (tmp_path / "some.ply").stat().st_size > 10_000

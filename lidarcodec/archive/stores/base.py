@@ -38,6 +38,10 @@ class Store(ABC):
 
     url: str
 
+    def is_there(self) -> bool:
+        """Whether it exists, as far as that can be seen: a prefix of a bucket always does."""
+        return True
+
     @abstractmethod
     def entries(self, prefix: str = "", after: str = "") -> Iterator[Entry]:
         """Objects whose names begin with `prefix` (a folder, ending in `/`, or empty), in order of their names.

@@ -25,6 +25,9 @@ class FolderStore(Store):
         self._root = root.resolve()
         self.url = str(self._root)
 
+    def is_there(self) -> bool:
+        return self._root.is_dir()
+
     def entries(self, prefix: str = "", after: str = "") -> Iterator[Entry]:
         for entry, name in _walk(self._root, prefix, after):
             inside = not entry.is_symlink() or Path(entry.path).resolve().is_relative_to(self._root)

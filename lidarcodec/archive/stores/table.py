@@ -8,7 +8,7 @@ from typing import Final
 
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.folder import FolderStore
-from lidarcodec.errors import MissingExtraError, UnknownNameError
+from lidarcodec.errors import MissingExtraError, SourceError, UnknownNameError
 
 SCHEMES: Final = ("s3", "gs", "az")
 
@@ -32,3 +32,10 @@ def open_store(where: str | Path | Store, retry_s: int = 90) -> Store:
     from lidarcodec.archive.stores.bucket import BucketStore
 
     return BucketStore(str(where), retry_s=retry_s)
+
+
+def check_there(store: Store) -> Store:
+    """The store itself. Raises SourceError for a folder that does not exist, which is not an empty one."""
+    if not store.is_there():
+        raise SourceError(f"{store.url} is no folder")
+    return store

@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from lidarcodec.archive.archive import Archive, time_ns
+from lidarcodec.archive.archive import Archive, open_archive, time_ns
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.messages import Coded
 from lidarcodec.archive.names import Commit
@@ -77,7 +77,7 @@ def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_jso
         form = form_of(out, folder=FOLDER)
         check_output(out, form, force=force)
         check_returns(form, placing.returns)
-    store = Archive(archive)
+    store = open_archive(archive)
     with (
         stoppable() as stopped,
         progress("fetching") as tick,

@@ -6,8 +6,8 @@ import math
 from datetime import datetime
 from typing import Any
 
+from lidarcodec.archive.archive import open_archive
 from lidarcodec.archive.query import query
-from lidarcodec.archive.stores.table import open_store
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.running.telling import tell
 
@@ -15,7 +15,7 @@ from lidarcodec.commands.running.telling import tell
 def run(archive: str, sql: str, as_json: bool) -> None:
     """Print the rows of a query."""
     check_extra("a query")
-    names, rows, lost = query(open_store(archive), sql)
+    names, rows, lost = query(open_archive(archive).store, sql)
     plain = [list(map(_plain, row)) for row in rows]
     table = [names, *([str(value) for value in row] for row in plain)]
     widths = [max(len(row[at]) for row in table) for at in range(len(names))]

@@ -23,7 +23,7 @@ from lidarcodec.archive.repair import repair
 from lidarcodec.archive.segments import SECONDS
 from lidarcodec.archive.squares import MapPlan
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.archive.stores.table import open_store
+from lidarcodec.archive.stores.table import check_there, open_store
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.archive.jobs.convert import check_form, stem_of
 from lidarcodec.commands.progress import progress
@@ -89,6 +89,10 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
         raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
+    if wanted.job != "verify":  # which needs no inputs
+        check_there(inputs)
+    if not job.leaves and wanted.job != "compress":
+        check_there(target)
     result = _nothing(wanted)
     if wanted.repair:
         if job.leaves:
