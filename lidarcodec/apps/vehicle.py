@@ -181,9 +181,7 @@ class _Sensor:
         if keeper is None:
             return
         try:
-            declared = answers_of(keeper, lambda: (one := self._publisher) is not None and one.busy).declare(
-                self._network(self._stop)
-            )
+            declared = answers_of(keeper, lambda: self._publisher).declare(self._network(self._stop))
         except TransportError as error:
             if not self._stop.is_set():
                 logger.warning("%s: what is kept cannot be fetched: %s", self.keys.prefix, error)

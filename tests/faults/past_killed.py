@@ -146,12 +146,21 @@ def _indices(ring: Path, first: int) -> list[int]:
     return found
 
 
+class Narrow:
+    """A link that live messages leave free for two of a hundred milliseconds."""
+
+    @property
+    def busy(self) -> bool:
+        return time.time() % 0.1 < 0.098
+
+    def room(self, most: int) -> None:
+        return None
+
+
 def _answer(ring: Path, endpoint: str) -> None:
     """Answer as a vehicle whose live stream leaves little room."""
     with open_transport(Endpoints.of(listen=[endpoint])) as transport:
-        Answers(
-            Kept(ring, KEYS, SMALL), KEYS, lambda: time.time() % 0.1 < 0.098, lambda: 0.0, Once(answers.logger)
-        ).declare(transport)
+        Answers(Kept(ring, KEYS, SMALL), KEYS, Narrow, lambda: 0.0, Once(answers.logger)).declare(transport)
         threading.Event().wait()
 
 

@@ -1,7 +1,8 @@
 """Answers: a vehicle's answers to questions about what it kept (docs/live.md, "The past").
 
-Parts of pieces are sent between the live messages: an answer waits until the link carries no live message, for a
-fifth of a second at most, and then takes a few kilobytes of it. A live message behind it is later by so much.
+Parts of pieces are sent between the live messages, and an answer waits for such a gap, for a fifth of a second at most.
+It then has as many bytes as arrive before the next live message is due. Where that is not known, or no gap comes, it
+has a few kilobytes, and a live message behind it is later by so much.
 
 An answer is a JSON object, as on the control keys, except for the bytes of a piece: these begin with PART, then the
 time waited in us as u32, little endian.
@@ -13,7 +14,7 @@ import logging
 import struct
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.keeper import Keeper
@@ -33,22 +34,34 @@ logger = logging.getLogger(__name__)
 PART: Final = 1
 HEAD: Final = struct.Struct("<BI")
 WAIT_S: Final = 0.2
-TICK_S: Final = 0.001
+TICK_S, LONGEST_TICK_S = 0.001, 0.005
+"""A waiting answer looks at the link at such intervals: a live message may be earlier or later than predicted."""
 LISTS_PER_S, LISTS_AT_ONCE = 10.0, 20
 """Rate limit of questions that read files, and of marks, for all clients together."""
+
+
+class Link(Protocol):
+    """The link of a live stream."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a live message is on its way."""
+
+    def room(self, most: int) -> tuple[float, int] | None:
+        """How long to wait for a gap, and if that is 0, how many bytes of `most` are to be sent. None: not known."""
 
 
 class Answers:
     """Answers about what one keeper kept.
 
-    busy: whether a live message is on its way
+    link: gives the link of the live stream; None while there is none
     take: takes one from the rate limit; gives the seconds until the next one, 0 if this one is allowed
     """
 
     def __init__(
-        self, kept: Kept, keys: StreamKeys, busy: Callable[[], bool], take: Callable[[], float], once: Once
+        self, kept: Kept, keys: StreamKeys, link: Callable[[], Link | None], take: Callable[[], float], once: Once
     ) -> None:
-        self._kept, self._keys, self._busy, self._take, self._once = kept, keys, busy, take, once
+        self._kept, self._keys, self._link, self._take, self._once = kept, keys, link, take, once
         self._told = answered(self._tell)
 
     def declare(self, transport: Transport) -> list[Closeable]:
@@ -70,11 +83,29 @@ class Answers:
     def _part(self, query: dict[str, Any]) -> bytes:
         """Raises GoneError, SettingsError."""
         offset, size = _whole(query, "offset"), _whole(query, "bytes")
-        data = self._kept.part(_text(query, "piece"), _whole(query, "at_ns"), offset, min(size, MAX_PART))
+        most = _whole(query, "most") if "most" in query else size
+        data = self._kept.part(_text(query, "piece"), _whole(query, "at_ns"), offset, min(max(size, most), MAX_PART))
         begin = time.monotonic()
-        while self._busy() and time.monotonic() - begin < WAIT_S:
-            time.sleep(TICK_S)
+        room = self._wait_for_room(max(1, min(most, len(data))), begin + WAIT_S)
+        data = data[: size if room is None else room]
         return HEAD.pack(PART, int(1e6 * (time.monotonic() - begin))) + data
+
+    def _wait_for_room(self, most: int, end_s: float) -> int | None:
+        """Wait for a gap between live messages. The bytes that fit into it; None: that is not known, or none came."""
+        while True:
+            link, left_s = self._link(), end_s - time.monotonic()
+            if link is None or left_s <= 0.0:
+                return None
+            room = link.room(most)
+            if room is None:
+                if not link.busy:
+                    return None
+                wait_s = TICK_S
+            else:
+                wait_s, size = room
+                if size:
+                    return size
+            time.sleep(min(max(wait_s, TICK_S), LONGEST_TICK_S, left_s))
 
     def _tell(self, query: dict[str, Any]) -> dict[str, Any]:
         ask = query.get("ask", "spans")
@@ -112,9 +143,9 @@ class Answers:
             raise error
 
 
-def answers_of(keeper: Keeper, busy: Callable[[], bool]) -> Answers:
-    """Answers about what a keeper kept; it counts refused questions. busy: whether a live message is on its way"""
-    return Answers(keeper.kept, keeper.keys, busy, Allowance(LISTS_PER_S, LISTS_AT_ONCE).take, keeper.once)
+def answers_of(keeper: Keeper, link: Callable[[], Link | None]) -> Answers:
+    """Answers about what a keeper kept; it counts refused questions. link: gives that of the live stream"""
+    return Answers(keeper.kept, keeper.keys, link, Allowance(LISTS_PER_S, LISTS_AT_ONCE).take, keeper.once)
 
 
 def _refused(error: LidarCodecError) -> bytes:

@@ -1,8 +1,9 @@
 """Fetch: gets a clip of what a vehicle kept, over a network that may be slow and may fail at any time.
 
-First it asks which pieces the clip has, then it asks for one small part of a piece after the other. The vehicle sends
-each between two live messages. Parts become larger as long as they take less than PART_S beyond the shortest round
-trip, so they never hold a live message up for long. Every piece is checked by its SHA-256.
+First it asks which pieces the clip has, then it asks for one part of a piece after the other. The vehicle sends each
+between two live messages, as large as there is room. Where the vehicle does not know the room, parts become larger as
+long as they take less than PART_S beyond the shortest round trip, so they never hold a live message up for long. Every
+piece is checked by its SHA-256.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording.pieces import Piece
 from lidarcodec.transport import Transport
 from lidarcodec.transport.asking import reason_of, retry_of, until_answered
-from lidarcodec.transport.part_size import PartSize
+from lidarcodec.transport.part_size import MAX_PART, PartSize
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
@@ -157,18 +158,21 @@ class Fetch:
 
     def _part(self, piece: Piece, offset: int) -> bytes | None:
         """The next bytes of a piece; None if the vehicle does not keep it any more."""
-        size = min(self._parts.bytes, piece.size - offset)
-        question = {"ask": "part", "piece": piece.name, "at_ns": piece.begin_ns, "offset": offset, "bytes": size}
+        most = min(MAX_PART, piece.size - offset)
+        size = min(self._parts.bytes, most)
+        where = {"piece": piece.name, "at_ns": piece.begin_ns, "offset": offset}
+        question = {"ask": "part", **where, "bytes": size, "most": most}
         answer, took_s = self._ask(question)
         if not answer or answer[0] != PART:
             told = _object(answer)
             if told.get("field") == "piece":
                 return None
             raise SourceError(f"the vehicle refuses: {reason_of(told)}")
-        if not HEAD.size < len(answer) <= HEAD.size + size:
+        if not HEAD.size < len(answer) <= HEAD.size + most:
             raise SourceError("the vehicle's answer makes no sense")
-        waited_s = HEAD.unpack_from(answer)[1] / 1e6
-        self._parts.took(size, max(0.0, took_s - waited_s))
+        if len(answer) == HEAD.size + size:  # else the vehicle measured the room
+            waited_s = HEAD.unpack_from(answer)[1] / 1e6
+            self._parts.took(size, max(0.0, took_s - waited_s))
         self.received += len(answer)
         return answer[HEAD.size :]
 

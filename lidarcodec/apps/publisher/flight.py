@@ -22,6 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lidarcodec.apps.publisher.followed import FORGET_S, Followed, Standing, clearly_slower
+from lidarcodec.apps.publisher.gaps import Gaps
 from lidarcodec.apps.publisher.path_times import LIMIT_S, MAX_IN_FLIGHT, PathTimes, Took
 from lidarcodec.apps.publisher.proofs import PROOFS, Proofs
 from lidarcodec.apps.publisher.under_way import REMEMBERED, Landed, Sent, UnderWay
@@ -55,6 +56,7 @@ class Flight:
         self._followed = Followed(follow, clock, max(1.0, 3 * limit_s / FORGET_S), slow_server=slow_server)
         self._slower = SlowerWarning()
         self._proofs, self._under_way, self._path = Proofs(), UnderWay(), PathTimes(limit_s)
+        self._gaps = Gaps()
         self._doubtful: dict[int, Sent] = {}
         self._arrived: deque[int] = deque(maxlen=PROOFS)
         self._quiet_s: float | None = None  # when the oldest message was sent since the last report
@@ -150,6 +152,7 @@ class Flight:
             self._slower.check(name, self._followed[name].usual_s)
             self._path.arrived(sent, now, self._rtt(name), held_s, late=self._under_way.is_late(index))
             self._take(self._under_way.arrived(index, name, has))
+            self._gaps.arrived(now, self._path.s_per_byte(), free=not len(self._under_way))
             self._quiet_s = min((one.at_s for one in self._under_way.unresolved(name)), default=None)
             self._silent = False
             self._condition.notify_all()
@@ -184,10 +187,29 @@ class Flight:
         with self._condition:
             to, now = self._following(), self._clock()
             self._proofs.put(index, checksum, now)
+            self._gaps.message(now, size)
             for old in self._under_way.put(Sent(index, now, size, key, frames, to)):
                 self._under_way.missed(old, to or (old.to if old.to in self._followed else None))
             if to is not None and self._quiet_s is None:
                 self._quiet_s = now
+
+    def room(self, most: int) -> tuple[float, int] | None:
+        """As `Gaps.room`, for something else than live messages."""
+        with self._condition:
+            name = self._following()
+            rtt_s = 0.0 if name is None else self._rtt(name)
+            return self._gaps.room(self._clock(), most, busy=self.busy, rtt_s=rtt_s)
+
+    def beside(self, size: int) -> None:
+        """So many bytes are sent beside live messages, and not by `room`."""
+        with self._condition:
+            self._gaps.take(self._clock(), size)
+
+    @property
+    def taken_s(self) -> float:
+        """For how long the link is taken by what was put, as predicted; 0 if it is free."""
+        with self._condition:
+            return max(0.0, self._gaps.free_s - self._clock())
 
     def wait(self, timeout_s: float, most: int = MAX_IN_FLIGHT) -> bool:
         """Wait until the next message may be sent, at most `timeout_s`; returns whether it may.

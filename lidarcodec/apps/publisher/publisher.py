@@ -167,6 +167,11 @@ class Publisher:
         """Whether a message is under way."""
         return self._flight.busy
 
+    def room(self, most: int) -> tuple[float, int] | None:
+        """How long something else than a live message has to wait for the link, and if that is 0, how many bytes of
+        `most` fit before the next live message. None: that is not known."""
+        return self._flight.room(most)
+
     @property
     def next_index(self) -> int:
         """Index of the next frame to be encoded."""
@@ -334,7 +339,7 @@ class Publisher:
         keys = self.keys
         self._declared += self._desk.declare(transport)
         if self._own_keeper is not None:
-            self._declared += answers_of(self._own_keeper, lambda: self.busy).declare(transport)
+            self._declared += answers_of(self._own_keeper, lambda: self).declare(transport)
         priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
         sender = transport.sender(keys.frame, priority, self._matched)
         self._sending.matching = sender.matching

@@ -209,6 +209,7 @@ class Refining:
             self._sent_beside, self._usual_bytes = True, len(data)
             self._counts["sent"] += 1
             self._counts["bytes"] += len(data)
+        self._flight.beside(len(data))
         try:
             sender.put(data)
         except TransportError:
@@ -225,12 +226,12 @@ class Refining:
     def _has_room(self, turn: int, size: int) -> bool:
         """Wait until a sector may be sent. False: it does not fit any more."""
         while self._fits(turn, size):
-            rtt_s, busy = self._flight.rtt_s or 0.0, self._flight.busy
+            rtt_s, busy, taken_s = self._flight.rtt_s or 0.0, self._flight.busy, self._flight.taken_s
             with self._condition:
                 now_s = time.monotonic()
                 if not busy and not self._under_way:
                     self._pacing.idle(now_s)
-                wait_s = min(self._wait_s(now_s, rtt_s, busy=busy), TICK_S)
+                wait_s = min(max(self._wait_s(now_s, rtt_s, busy=busy), taken_s), TICK_S)
                 if wait_s <= 0.0:
                     return True
                 if self._under_way or not busy:

@@ -14,7 +14,7 @@ import pytest
 from lidarcodec import open_source
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past import answers, fetch
-from lidarcodec.apps.past.answers import HEAD, PART, Answers
+from lidarcodec.apps.past.answers import HEAD, PART, Answers, Link
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
 from lidarcodec.apps.past.kept import Kept
@@ -41,8 +41,8 @@ class Vehicle:
         self.spoils: Callable[[bytes], bytes] = lambda answer: answer
         self.come()
 
-    def come(self) -> None:
-        told = Answers(self.kept, KEYS, lambda: False, lambda: 0.0, Once(answers.logger))
+    def come(self, link: Link | None = None) -> None:
+        told = Answers(self.kept, KEYS, lambda: link, lambda: 0.0, Once(answers.logger))
 
         def answer(data: bytes) -> bytes:
             self.asked[json.loads(data)["ask"]] += 1
@@ -103,6 +103,36 @@ def check_exact(done: Fetch, folder: Path) -> None:
     assert [packet.payload for packet in found] == [packet.payload for packet in want]
     assert found[0].stamp_ns <= done.clip.from_ns
     assert found[-1].stamp_ns + FRAME_NS >= done.clip.to_ns
+
+
+class Gap:
+    """A link with room for `size` bytes at each second look, and for none in between."""
+
+    def __init__(self, size: int) -> None:
+        self.busy, self.looks, self._size = True, 0, size
+
+    def room(self, most: int) -> tuple[float, int] | None:
+        self.looks += 1
+        return (0.0, min(self._size, most)) if self.looks % 2 else (0.001, 0)
+
+
+@pytest.mark.parametrize("size", [1, 12_345])
+def test_parts_are_as_large_as_there_is_room_between_live_messages(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport, size: int
+) -> None:
+    vehicle.go()
+    link = Gap(size)
+    vehicle.come(link)
+    one = fetching(tmp_path, near)
+    if size == 1:
+        vehicle.after = lambda asked: one.cancel() if asked["part"] == 20 else None
+        with pytest.raises(CancelledError):
+            one.run()
+        assert one.state()["bytes_done"] == 20
+    else:
+        one.run()
+        check_exact(one, tmp_path)
+        assert vehicle.asked["part"] >= sum(piece.size for piece in one.plan.there) / size
 
 
 def test_a_clip_is_fetched_exactly(tmp_path: Path, vehicle: Vehicle, near: MemoryTransport) -> None:
@@ -224,7 +254,7 @@ def test_questions_that_make_no_sense_get_an_error(vehicle: Vehicle, near: Memor
         b'{"ask": "part", "piece": "%s", "at_ns": %d, "offset": 0, "bytes": 5}' % (b"a" * 64, at(1)),
         b'{"ask": "part", "piece": "../secret", "at_ns": %d, "offset": -1, "bytes": 5}' % at(1),
     ):
-        told: dict[str, Any] = json.loads(Answers(vehicle.kept, KEYS, lambda: False, lambda: 0.0,
+        told: dict[str, Any] = json.loads(Answers(vehicle.kept, KEYS, lambda: None, lambda: 0.0,
                                                   Once(answers.logger))._answer(question))  # fmt: skip
         assert "error" in told, question
 
