@@ -42,10 +42,11 @@ def free_port() -> int:
 def publish(options: argparse.Namespace) -> None:
     """The publisher's process; its last line is its status."""
     simulated = options.source.startswith(("sim:", "udp:"))
+    framing = [] if any(pair.startswith("framing=") for pair in options.set) else [f"framing={FRAMING}"]
     with open_source(options.source) if simulated else looped(options.source) as source:
         publisher = lidarcodec.Publisher(
             source,
-            one_setting(options.codec, [f"framing={FRAMING}", *options.set]),
+            one_setting(options.codec, [*framing, *options.set]),
             vehicle="latency",
             rate=options.rate,
             endpoints=lidarcodec.Endpoints(loopback_port=options.port),

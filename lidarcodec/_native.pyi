@@ -109,6 +109,9 @@ class RangeHistory:
         near_start: bool = False,
     ) -> tuple[NDArray[numpy.int32], bool, int, int, int, float]: ...
 
+class IntensityMemory:
+    def __init__(self) -> None: ...
+
 def encode_intensity(
     values: NDArray[numpy.uint8],
     returns: NDArray[numpy.uint8],
@@ -116,6 +119,8 @@ def encode_intensity(
     half: NDArray[numpy.uint8],
     rotation: NDArray[numpy.int32],
     turn: int,
+    memory: IntensityMemory | None = None,
+    goes_on: bool = False,
 ) -> bytes: ...
 def choose_levels(
     values: NDArray[numpy.uint8],
@@ -131,6 +136,7 @@ def decode_intensity(
     fired: NDArray[numpy.uint8],
     half: NDArray[numpy.uint8],
     rotation: NDArray[numpy.int32],
+    memory: IntensityMemory | None = None,
 ) -> NDArray[numpy.uint8]: ...
 def encode_refinement(
     ranges: NDArray[numpy.uint16],

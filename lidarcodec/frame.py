@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,16 @@ from lidarcodec.units import MAX_COLUMNS
 OPTIONAL: Final = ("keep", "pose", "mount", "lattice", "filled")
 """Arrays that a frame can do without."""
 PLANE_DTYPES: Final = frozenset(map(np.dtype, (np.uint8, np.uint16, np.uint32)))
+
+
+class Part(NamedTuple):
+    """Whether a frame is a part of a turn: goes_on: that of the frame before; more: another part of it follows."""
+
+    goes_on: bool = False
+    more: bool = False
+
+
+WHOLE: Final = Part()
 
 
 def _may_change(array: npt.NDArray[Any]) -> bool:
@@ -66,6 +76,7 @@ class Frame:
     pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
     lattice:   (K,) uint16 or None: the columns that are sent, ascending, where a frame is thinned to some of them
     mount:     (4, 4) float64 or None: T_vehicle_sensor, where the sensor sits on its vehicle
+    part:      with `framing=parts:N`: which part of its turn the frame is
     filled:    (H, W) bool or None: returns that a receiver interpolated between those columns; they are never sent
     """
 
@@ -83,6 +94,7 @@ class Frame:
     filled: npt.NDArray[np.bool_] | None = None
     planes: Mapping[str, npt.NDArray[np.unsignedinteger]] = field(default_factory=dict)
     mount: npt.NDArray[np.float64] | None = None
+    part: Part = WHOLE
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] = getattr(self.range, "shape", ())
@@ -168,6 +180,7 @@ class Frame:
         ranges = self.range_u16 if self.sensor.is_hdl64e else self.range
         fields: list[Any] = [self.index, self.stamp_ns, ranges, self.intensity, self.azimuth, self.fired, self.sensor]
         fields += [self.side, self.keep, self.pose, self.lattice, self.filled, dict(self.planes), self.mount]
+        fields += [self.part]
         return type(self), tuple(fields)
 
     def with_(self, **changes: Any) -> Frame:

@@ -48,6 +48,8 @@ class Message:
     key: whether it decodes without any earlier message; needs: index of the frame it refers to, or None
     width: columns of the (widest) frame; packets: packets in it
     planes: whether the frame is of another sensor than an HDL-64E, in PLANES and REST sections
+    goes_on: whether the frame is a part of a turn that goes on from the part before, which it needs
+    more: whether the frame is a part of a turn of which another part follows
     """
 
     codec: int
@@ -61,6 +63,8 @@ class Message:
     frame_count: int = 1
     needs: int | None = None
     planes: bool = False
+    goes_on: bool = False
+    more: bool = False
 
     def section(self, kind: SectionType, ordinal: int = 0) -> bytes:
         """Bytes of one section.

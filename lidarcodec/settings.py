@@ -22,6 +22,8 @@ MAX_NAME = 64
 """Longest name, in characters. Names become parts of keys and paths, so a name of dots alone is refused."""
 MAX_BOUND_M = 20.0
 MAX_KBPS = 1e6
+MAX_PARTS: Final = 8
+"""Most parts of a turn."""
 AUTO: Literal["auto"] = "auto"
 """As target: the bitrate that the network carries, measured while the stream runs. As intensity or reduction: as much
 as the target bitrate allows, all without a target."""
@@ -92,7 +94,8 @@ class StreamSettings(BaseModel):
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
     """Share of the returns that a reduction keeps in each frame. It replaces `keep_points`."""
     framing: str = Field(default="revolution", json_schema_extra=MORE)
-    """Size of a frame: `revolution` (a turn), `packets` (348 packets, about a turn), or `packets:N` (N packets)."""
+    """Size of a frame: `revolution` (a turn), `packets` (348 packets, about a turn), `packets:N` (N packets), or
+    `parts:N`: a turn is sent in N parts (2 to 8), each while the next is measured. Later parts are shorter."""
     key_interval: int = Field(default=50, ge=1, le=100_000, json_schema_extra=MORE)
     """Number of frames from one key frame to the next."""
     shape: Shape = Field(default="free", json_schema_extra=MORE)
@@ -139,9 +142,13 @@ class StreamSettings(BaseModel):
     def _framing(cls, value: str) -> str:
         if value in ("packets", "revolution"):
             return value
-        found = re.fullmatch(r"packets:([0-9]{1,4})", value)
-        if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
-            raise ValueError(f"framing must be revolution, packets, or packets:N with N from 1 to {MAX_PACKETS}")
+        found = re.fullmatch(r"(packets|parts):([0-9]{1,4})", value)
+        least, most = (2, MAX_PARTS) if found and found[1] == "parts" else (1, MAX_PACKETS)
+        if not found or not least <= int(found[2]) <= most:
+            raise ValueError(
+                f"framing must be revolution, packets, packets:N with N from 1 to {MAX_PACKETS}, "
+                f"or parts:N with N from 2 to {MAX_PARTS}"
+            )
         return value
 
     @field_validator("follow")
@@ -172,6 +179,23 @@ class StreamSettings(BaseModel):
             if self.reduces:
                 raise ValueError("refinements bring all returns: leave reduction out with base_error_m")
         return self
+
+    @model_validator(mode="after")
+    def _whole_parts(self) -> StreamSettings:
+        if self.parts > 1:
+            if self.codec == AUTO:
+                raise ValueError(f"framing={self.framing} needs a codec by name")
+            if self.target_kbps is not None or self.base_error_m is not None or self.reduces:
+                raise ValueError(
+                    f"framing={self.framing} sends all that was measured: leave target_kbps, base_error_m and "
+                    "reduction out"
+                )
+        return self
+
+    @property
+    def parts(self) -> int:
+        """Parts in which a turn is sent; 1 for whole frames."""
+        return int(self.framing.removeprefix("parts:")) if self.framing.startswith("parts:") else 1
 
     @property
     def base(self) -> StreamSettings:
@@ -216,8 +240,8 @@ class StreamSettings(BaseModel):
 
     @property
     def frame_packets(self) -> int | None:
-        """Packets in a frame, None for whole revolutions."""
-        if self.framing == "revolution":
+        """Packets in a frame, None for whole revolutions and their parts."""
+        if self.framing == "revolution" or self.parts > 1:
             return None
         return int(self.framing.partition(":")[2] or FRAME_PACKETS)
 

@@ -10,9 +10,9 @@ import numpy as np
 from lidarcodec import _native
 from lidarcodec.assembly.any_sensor import TurnWatch, frame_of_packets
 from lidarcodec.assembly.continuity import count_discontinuities
-from lidarcodec.assembly.rotation import RotationWatch
+from lidarcodec.assembly.rotation import PartWatch, RotationWatch
 from lidarcodec.errors import PacketError
-from lidarcodec.frame import Frame
+from lidarcodec.frame import Frame, Part
 from lidarcodec.frame_images import odd_count
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, LastPacket, Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_ODD_TOTAL
@@ -39,7 +39,8 @@ class Assembler:
     """Cuts a stream of packets into frames. Pure: no clock, no I/O.
 
     framing: `revolution` (a turn: a new frame begins with the first packet after the azimuth wraps, or after 2048
-    packets without a wrap), `packets` (348 a frame; of other sensors than an HDL-64E a turn), or `packets:N`. A
+    packets without a wrap), `packets` (348 a frame; of other sensors than an HDL-64E a turn), `packets:N`, or `parts:N`
+    (of an HDL-64E a turn in N frames, `part_ends`; of other sensors a turn). A
     FirstPacket always begins a frame. If the azimuth wraps within the first packet, the first turn has this packet too.
     A LastPacket ends a turn.
     counts: `packets`, `frames`, and irregularities: `irregular blocks` (unknown flag or azimuth; they are kept
@@ -61,6 +62,8 @@ class Assembler:
         self._positions: list[tuple[int, Packet]] = []
         self._position_bytes = 0
         self._rotation = RotationWatch()
+        self._part = PartWatch(settings_from({"framing": framing}).parts)
+        self._goes_on = False
         self._last_payload = b""
         self._last_gps: int | None = None
 
@@ -85,10 +88,10 @@ class Assembler:
         payload = packet.payload
         self._check_size(len(payload))
         frame = self._begin_anew() if isinstance(packet, FirstPacket) else None
-        if self._bytes + len(payload) > MAX_FRAME_BYTES or (
-            self._frame_packets is None and self._ends_before(payload, packet.stamp_ns)
-        ):
-            frame = self._cut() if self._payloads else frame
+        ends = self._frame_packets is None and self._ends_before(payload, packet.stamp_ns)
+        more = self._turns is None and self._part.begins(payload, turn=ends or not self._payloads) and not ends
+        if ends or more or self._bytes + len(payload) > MAX_FRAME_BYTES:
+            frame = self._cut(more=more) if self._payloads else frame
         if payload == self._last_payload:
             self.counts["repeated packets"] += 1
         self._last_payload = payload
@@ -143,8 +146,9 @@ class Assembler:
         self._forget_positions()
         return [last.with_(side=replace(side, positions=(*side.positions, *more)))]
 
-    def _cut(self) -> Frame:
-        """The frame of the packets that are waiting."""
+    def _cut(self, *, more: bool = False) -> Frame:
+        """The frame of the packets that are waiting. more: a part of a turn, of which another part follows"""
+        part, self._goes_on = Part(self._goes_on, more), more
         if self._turns is not None:
             return self._cut_other()
         arrays = _native.assemble(b"".join(self._payloads), self.sensor.ring_of_laser.astype(np.uint8))
@@ -164,7 +168,9 @@ class Assembler:
         self._last_gps = int(gps_us[-1])
         side = SideInfo(stamps - begin_ns, gps_us, status, layouts, layout, irregular, second, positions)
         self._index += 1
-        return Frame(self._index - 1, begin_ns, range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side)
+        return Frame(
+            self._index - 1, begin_ns, range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side, part=part
+        )
 
     def _cut_other(self) -> Frame:
         """The frame of the packets that are waiting, of another sensor than an HDL-64E."""

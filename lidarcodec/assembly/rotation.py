@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import accumulate
 from typing import Final
 
 from lidarcodec.packet import Packet
@@ -40,6 +41,37 @@ class RotationWatch:
             self._last = now
         self._packets = 1 if begins else self._packets + 1
         return begins
+
+
+def part_ends(parts: int) -> list[int]:
+    """Where the parts of a turn end, in 0.01 degree. Each is shorter than the one before: the last one is waited for.
+
+    >>> part_ends(3)
+    [18000, 30000, 36000]
+    """
+    shares = list(accumulate(range(parts, 0, -1)))
+    return [AZIMUTH_TURN * share // shares[-1] for share in shares]
+
+
+class PartWatch:
+    """Sees in the packets of an HDL-64E when another part of a turn begins. parts: of a turn"""
+
+    def __init__(self, parts: int) -> None:
+        self._ends: Final = part_ends(parts)
+        self._end = 0
+
+    def begins(self, payload: bytes, *, turn: bool) -> bool:
+        """Whether another part begins with this packet. payload: 1206 bytes; turn: whether a turn begins with it"""
+        now = _rotation(payload, 0)
+        if turn:
+            if (last := _rotation(payload, LAST_BLOCK)) < now - AZIMUTH_TURN // 2:
+                now = last
+            self._end = next((end for end in self._ends if now < end), AZIMUTH_TURN)
+            return False
+        if not self._end <= now < AZIMUTH_TURN:
+            return False
+        self._end = next(end for end in self._ends if now < end)
+        return True
 
 
 def turns_of(packets: Iterable[Packet], turns: int) -> Iterator[Packet]:

@@ -158,6 +158,7 @@ class Codec(NamedTuple):
     rolling: whether a thinned stream may begin at another column in each frame; not where a frame is predicted from the
         picture before
     layered: whether its frames can be bases (`base_error_m`)
+    parts: whether it sends turns in parts (`framing=parts:N`)
     files: reads what settings name on this machine, as the encoder does; raises SettingsError
     others: encoder and decoder of frames of other sensors than the HDL-64E, of a codec of pictures
     """
@@ -170,5 +171,6 @@ class Codec(NamedTuple):
     isolated: bool = False
     rolling: bool = True
     layered: bool = False
+    parts: bool = False
     files: Callable[[StreamSettings], object] | None = None
     others: Others | None = None

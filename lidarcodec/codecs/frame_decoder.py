@@ -17,7 +17,7 @@ from lidarcodec import _native, entropy
 from lidarcodec.codecs.base import Decoder
 from lidarcodec.entropy.zstd_frames import decompress
 from lidarcodec.errors import MissingReferenceError, UnsupportedVersionError
-from lidarcodec.frame import Frame
+from lidarcodec.frame import Frame, Part
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped_file
 from lidarcodec.planes.calibrations import sensor_of
@@ -65,6 +65,7 @@ class Planes:
             sensor=self.sensor,
             side=self.side,
             pose=self.pose,
+            part=Part(message.goes_on, message.more),
         )
 
 

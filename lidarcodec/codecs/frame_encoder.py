@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.base import Encoder, InForce, Own
-from lidarcodec.codecs.kept_frames import KeptFrames
+from lidarcodec.codecs.kept_frames import KeptFrames, TurnParts
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -30,11 +30,13 @@ class Coded(NamedTuple):
 
     sections: all except the calibration; needs: index of the frame that they refer to, or None
     ranges: gives (64, W) uint16, the ranges as a decoder gets them; None of a codec without refinements
+    goes_on: whether the frame is a part of a turn that goes on from the part before
     """
 
     sections: list[Section]
     needs: int | None
     ranges: Callable[[], npt.NDArray[np.uint16]] | None = None
+    goes_on: bool = False
 
 
 class FrameContent(Protocol[Own]):
@@ -114,11 +116,12 @@ class FrameEncoder(Generic[Own]):
         Raises LidarCodecError for a frame that contradicts itself.
         """
         sensor = (frame.sensor.hash, frame.sensor.convention)
-        key = key or self._key_is_due() or sensor != self._sensor or frame.index <= self._last_index
+        within = frame.part.goes_on and self._since_key is not None  # a turn is not cut by a key message that is due
+        key = key or (self._key_is_due() and not within) or sensor != self._sensor or frame.index <= self._last_index
         calibration = encode_calibration(frame.sensor, key, self._plain_calibration)
         coded = self._content.code(frame, key=key)
         self._ranges = coded.ranges
-        self._since_key = 1 if key else (self._since_key or 0) + 1
+        self._since_key = 1 if key else (self._since_key or 0) + (not within)
         self._sensor, self._last_index = sensor, frame.index
         return [
             Message(
@@ -132,6 +135,8 @@ class FrameEncoder(Generic[Own]):
                 sections=(Section(SectionType.CALIBRATION, calibration), *coded.sections),
                 needs=coded.needs,
                 planes=not frame.sensor.is_hdl64e,
+                goes_on=coded.goes_on,
+                more=frame.part.more,
             )
         ]
 
@@ -177,6 +182,7 @@ class Independent(Generic[Own]):
     ) -> None:
         self._code_ranges, self._grouped_intensity, self._with_history = code_ranges, grouped_intensity, mask_history
         self._layered = layered
+        self._turn = TurnParts()
         self._masks = KeptFrames[MaskHistory](MaskHistory.copy)
         """The masks since the last message that needs no other, up to each of the last frames."""
 
@@ -193,20 +199,31 @@ class Independent(Generic[Own]):
         """Ranges and planes of a frame."""
         settings = self._settings
         with_history = self._with_history(settings.own)
-        found = self._masks.reference() if with_history and not key else None
+        goes_on = self._turn.goes_on(frame, key=key)
+        found = self._masks.reference() if with_history and not key and not goes_on else None
         needs, masks = found or (None, None)
-        if needs is None:
+        if goes_on:
+            needs, masks = frame.index - 1, self._masks.go_on(frame.index - 1)
+        elif needs is None:
             self._masks.forget()
         previous = None if masks is None else masks.before(frame.azimuth, frame.sensor)
         quality = Quality.of(settings.stream)
-        planes = encode_planes(frame, quality, previous, grouped_intensity=self._grouped_intensity)
+        planes = encode_planes(
+            frame,
+            quality,
+            previous,
+            grouped_intensity=self._grouped_intensity,
+            memory=self._turn.memory(frame),
+            goes_on=goes_on,
+        )
         ranges = Section(SectionType.RANGE, self._ranges(frame))
         if with_history:
             masks = masks or MaskHistory()
             masks.remember(frame.valid, frame.azimuth, frame.sensor)
             self._masks.put(frame.index, masks)
         step = settings.stream.step
-        return Coded([ranges, *planes], needs, (lambda: requantised(frame, step)) if self._layered else None)
+        self._turn.coded(frame)
+        return Coded([ranges, *planes], needs, (lambda: requantised(frame, step)) if self._layered else None, goes_on)
 
     def _ranges(self, frame: Frame) -> bytes:
         return self._code_ranges(frame, self._settings)

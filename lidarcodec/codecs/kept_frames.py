@@ -21,6 +21,9 @@ from collections import OrderedDict
 from collections.abc import Callable, Set
 from typing import Final, Generic, TypeVar
 
+from lidarcodec.entropy import IntensityMemory
+from lidarcodec.frame import WHOLE, Frame
+
 KEPT_FRAMES: Final = 5
 """Number of frames that a message may refer to: those last coded, or referred to, since the last that needs none."""
 
@@ -55,6 +58,12 @@ class KeptFrames(Generic[Memory]):
         self._kept.move_to_end(found)
         return found, self._copy(self._kept[found])
 
+    def go_on(self, index: int) -> Memory | None:
+        """What is remembered after this frame, if it is the last, for a part that takes its place; else None."""
+        if not self._kept or next(reversed(self._kept)) != index:
+            return None
+        return self._kept.pop(index)
+
     def put(self, index: int, memory: Memory) -> None:
         """Keep what is remembered after a frame that was coded."""
         if self._wanted is None:
@@ -62,3 +71,25 @@ class KeptFrames(Generic[Memory]):
         self._kept[index] = memory
         while len(self._kept) > KEPT_FRAMES:
             self._kept.popitem(last=False)
+
+
+class TurnParts:
+    """The parts of the turns that an encoder codes, and what they taught the coder of intensities. A part goes on where
+    the one before it was coded; else it begins anew, as a turn does."""
+
+    def __init__(self) -> None:
+        self._intensities: Final = IntensityMemory()
+        self._open: int | None = None  # index of the part that the next one goes on from
+
+    def goes_on(self, frame: Frame, *, key: bool) -> bool:
+        """Whether the frame that is coded now goes on from the part before. Until `coded` no other one does."""
+        before, self._open = self._open, None
+        return frame.part.goes_on and not key and before == frame.index - 1
+
+    def memory(self, frame: Frame) -> IntensityMemory | None:
+        """What the parts before taught the coder of intensities; None of a whole frame."""
+        return None if frame.part == WHOLE else self._intensities
+
+    def coded(self, frame: Frame) -> None:
+        """A frame was coded."""
+        self._open = frame.index if frame.part.more else None

@@ -72,4 +72,5 @@ CODEC = Codec(
     SessionDecoder,
     knob=bound_knob(),
     layered=True,
+    parts=True,
 )

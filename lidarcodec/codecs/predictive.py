@@ -68,4 +68,4 @@ def _encoder(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder
     return FrameEncoder(codec_id, settings, stream_id, PredictiveSettings, Referring(PredictiveRanges()))
 
 
-CODEC = Codec(PredictiveSettings, _encoder, SessionDecoder, knob=bound_knob(), layered=True)
+CODEC = Codec(PredictiveSettings, _encoder, SessionDecoder, knob=bound_knob(), layered=True, parts=True)

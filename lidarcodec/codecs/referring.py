@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.base import CodecSettings, InForce
 from lidarcodec.codecs.frame_encoder import Coded
-from lidarcodec.codecs.kept_frames import KeptFrames
+from lidarcodec.codecs.kept_frames import KeptFrames, TurnParts
 from lidarcodec.entropy import KnownColumns, MaskStream, PredictiveCoder, ReturnSamples, columns_in_turn
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
@@ -238,6 +238,7 @@ class Referring(Generic[OwnReferring, Learned]):
         self._ranges: Final = ranges
         self._references: Final = ReferenceTracker()
         self._kept: Final = KeptFrames[Memory[Learned]](self._copy)
+        self._turn: Final = TurnParts()
 
     def take(self, settings: InForce[OwnReferring]) -> bool:
         """Takes settings. A frame that is to expect something for the first time begins from nothing."""
@@ -254,7 +255,11 @@ class Referring(Generic[OwnReferring, Learned]):
     def code(self, frame: Frame, *, key: bool) -> Coded:
         """Ranges, planes and motion of a frame."""
         settings, remembers = self._settings, self._settings.own.memory
-        found = self._kept.reference() if remembers and not key else None
+        goes_on = remembers and self._turn.goes_on(frame, key=key)
+        memory_before = self._kept.go_on(frame.index - 1) if goes_on else None
+        found = self._kept.reference() if remembers and not key and not goes_on else None
+        if memory_before is not None:
+            found = frame.index - 1, memory_before
         if found is None:
             self._kept.forget()
             needs, memory = None, Memory(SentFrames(StreamHistory()), MaskStream(), MaskHistory(), self._ranges.begin())
@@ -262,7 +267,7 @@ class Referring(Generic[OwnReferring, Learned]):
         else:
             needs, memory = found
             reference = self._references.go_on(frame, memory.sent)
-        planes = self._planes(frame, reference, memory, follows=needs is not None)
+        planes = self._planes(frame, reference, memory, follows=needs is not None, goes_on=goes_on)
         if remembers:  # coded alone, a frame may begin anywhere
             reference = self._references.counted(frame, reference)
         coded = self._ranges.encode(frame, reference, memory.learned)
@@ -275,18 +280,23 @@ class Referring(Generic[OwnReferring, Learned]):
             memory.masks.remember(frame.valid, frame.azimuth, frame.sensor)
             self._references.take(frame, reference, coded, step, memory.sent)
             self._kept.put(frame.index, memory)
-        return Coded(sections, needs, lambda: _decoded(frame, coded, step))
+            self._turn.coded(frame)
+        return Coded(sections, needs, lambda: _decoded(frame, coded, step), goes_on)
 
     def _copy(self, memory: Memory[Learned]) -> Memory[Learned]:
         learned = self._ranges.copy(memory.learned)
         return Memory(memory.sent.copy(), memory.mask_stream.copy(), memory.masks.copy(), learned)
 
-    def _planes(self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool) -> list[Section]:
+    def _planes(
+        self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool, goes_on: bool
+    ) -> list[Section]:
         quality = Quality.of(self._settings.stream)
+        parts = self._turn.memory(frame) if self._settings.own.memory else None
         if frame.keep is None and self._settings.own.expects:
-            return encode_planes(frame, quality, encode_mask=lambda of: _mask(of, reference, memory.mask_stream))
+            encode_mask = lambda of: _mask(of, reference, memory.mask_stream)  # noqa: E731
+            return encode_planes(frame, quality, encode_mask=encode_mask, memory=parts, goes_on=goes_on)
         previous = memory.masks.before(frame.azimuth, frame.sensor) if follows else None
-        return encode_planes(frame, quality, previous)
+        return encode_planes(frame, quality, previous, memory=parts, goes_on=goes_on)
 
 
 def _mask(frame: Frame, reference: Reference, stream: MaskStream) -> bytes:

@@ -299,4 +299,6 @@ def _read_weights(settings: StreamSettings) -> Weights | None:
     return _weights_for(own_settings(RiddleSettings, settings))
 
 
-CODEC = Codec(RiddleSettings, RiddleEncoder, SessionDecoder, knob=bound_knob(), layered=True, files=_read_weights)
+CODEC = Codec(
+    RiddleSettings, RiddleEncoder, SessionDecoder, knob=bound_knob(), layered=True, parts=True, files=_read_weights
+)

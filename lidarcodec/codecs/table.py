@@ -134,6 +134,10 @@ def check(settings: StreamSettings) -> StreamSettings:
         able = ", ".join(name for name in _TABLE if codec(name).layered)
         raise SettingsError(f"codec {settings.codec} cannot send a base and refinements: leave base_error_m out, or "
 f"choose one of {able}", "base_error_m")  # fmt: skip
+    if settings.parts > 1 and not chosen.parts:
+        able = ", ".join(name for name in _TABLE if codec(name).parts)
+        raise SettingsError(f"codec {settings.codec} cannot send a turn in parts: choose another framing than "
+f"{settings.framing}, or one of {able}", "framing")  # fmt: skip
     return settings
 
 

@@ -2,7 +2,7 @@
 
 from lidarcodec.entropy.azimuth_coder import columns_in_turn, decode_azimuth, encode_azimuth
 from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
-from lidarcodec.entropy.intensity_coder import choose_levels, decode_intensity, encode_intensity
+from lidarcodec.entropy.intensity_coder import IntensityMemory, choose_levels, decode_intensity, encode_intensity
 from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
 from lidarcodec.entropy.mask_stream import STREAM_KINDS, MaskStream
@@ -13,6 +13,7 @@ from lidarcodec.entropy.side_coder import decode_side, encode_side
 
 __all__ = [
     "GivenLayer",
+    "IntensityMemory",
     "STREAM_KINDS",
     "KnownColumns",
     "MaskStream",

@@ -69,10 +69,13 @@ class Sender(Closeable, Protocol):
 
 
 class Inbox(Closeable, Protocol):
-    """Receives one key and keeps only the newest message: older ones are replaced, never queued."""
+    """Receives one key and keeps only the newest messages, one or a few: older ones are replaced, never queued."""
 
     def receive(self) -> bytes | None:
-        """Wait for a message and return the newest; None once the inbox or its transport is closed."""
+        """Wait for a message and return the oldest that it keeps; None once the inbox or its transport is closed."""
+
+    def receive_now(self) -> bytes | None:
+        """The same without waiting; None if there is none."""
 
 
 class Transport(Closeable, Protocol):
@@ -88,8 +91,8 @@ class Transport(Closeable, Protocol):
     def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
         """A sender on one key; `on_match` is called when the first receiver connects and the last one disconnects."""
 
-    def inbox(self, key: str) -> Inbox:
-        """A newest-only receiver of one key."""
+    def inbox(self, key: str, depth: int = 1) -> Inbox:
+        """A receiver of one key, of the newest `depth` messages."""
 
     def listen(self, key: str, handler: EventHandler) -> Closeable:
         """Call the handler for every small event on a key, or key expression (`*` one part, `**` any)."""

@@ -101,26 +101,30 @@ class _Watcher(_Entity):
 
 
 class _Inbox(_Entity):
-    """A slot of one message."""
+    """A slot of the newest messages."""
 
-    def __init__(self, owner: MemoryTransport, key: str) -> None:
+    def __init__(self, owner: MemoryTransport, key: str, depth: int) -> None:
         super().__init__(owner, key)
         self._condition = threading.Condition()
-        self._newest: bytes | None = None
+        self._newest: deque[bytes] = deque(maxlen=depth)
         self._closed = False
 
     def drop_in(self, data: bytes) -> None:
-        """Replace the waiting message."""
+        """Take a message, in place of the oldest if the slot is full."""
         with self._condition:
-            self._newest = data
+            self._newest.append(data)
             self._condition.notify()
 
     def receive(self) -> bytes | None:
-        """Wait for a message and return the newest; None once closed."""
+        """Wait for a message; None once closed."""
         with self._condition:
-            self._condition.wait_for(lambda: self._newest is not None or self._closed)
-            data, self._newest = self._newest, None
-            return None if self._closed else data
+            self._condition.wait_for(lambda: bool(self._newest) or self._closed)
+            return None if self._closed else self._newest.popleft()
+
+    def receive_now(self) -> bytes | None:
+        """A message, if one waits."""
+        with self._condition:
+            return self._newest.popleft() if self._newest and not self._closed else None
 
     def close(self) -> None:
         """Close it; a waiting `receive` ends."""
@@ -238,9 +242,9 @@ class MemoryTransport:
         self.network.add(sender)
         return sender
 
-    def inbox(self, key: str) -> Inbox:
-        """A slot of one message."""
-        inbox = _Inbox(self, self._checked(key))
+    def inbox(self, key: str, depth: int = 1) -> Inbox:
+        """A slot of the newest messages."""
+        inbox = _Inbox(self, self._checked(key), depth)
         self.network.add(inbox)
         return inbox
 

@@ -164,24 +164,41 @@ class _Sender(_Declared):
 
 
 class _Inbox(_Declared):
-    """A ring of one."""
+    """A ring of the newest messages."""
 
     def __init__(self, key: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
         super().__init__(key, entities, forget)
         self._key, self._ring, self._warned = key, entities[0].handler, False
 
     def receive(self) -> bytes | None:
-        """The newest message, as soon as there is one; None once closed."""
+        """The oldest message of the ring, as soon as there is one; None once closed."""
         while True:
             try:
-                payload = self._ring.recv().payload
+                data = self._fitting(self._ring.recv())
             except zenoh.ZError:
                 return None
-            if len(payload) <= MAX_MESSAGE:
-                return bytes(payload.to_bytes())
-            if not self._warned:
-                self._warned = True
-                logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
+            if data is not None:
+                return data
+
+    def receive_now(self) -> bytes | None:
+        """The same without waiting; None if there is none."""
+        try:
+            while (sample := self._ring.try_recv()) is not None:
+                if (data := self._fitting(sample)) is not None:
+                    return data
+        except zenoh.ZError:
+            pass
+        return None
+
+    def _fitting(self, sample: zenoh.Sample) -> bytes | None:
+        """The bytes of a message; None if it is too long."""
+        payload = sample.payload
+        if len(payload) <= MAX_MESSAGE:
+            return bytes(payload.to_bytes())
+        if not self._warned:
+            self._warned = True
+            logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
+        return None
 
 
 class ZenohTransport:
@@ -258,9 +275,9 @@ class ZenohTransport:
         self._remember(sender)
         return sender
 
-    def inbox(self, key: str) -> Inbox:
-        """A ring of one on one key; its receiver is the caller's thread."""
-        ring: Any = zenoh.handlers.RingChannel(1)
+    def inbox(self, key: str, depth: int = 1) -> Inbox:
+        """A ring on one key; its receiver is the caller's thread."""
+        ring: Any = zenoh.handlers.RingChannel(depth)
         subscriber = self._declare(key, "declare_subscriber", ring, allowed_origin=zenoh.Locality.REMOTE)
         inbox = _Inbox(key, [subscriber], self._forget)
         self._remember(inbox)

@@ -19,12 +19,13 @@ from lidarcodec.wire.header import (
     MAX_MESSAGE,
     Header,
     check_version,
+    goes_on,
     header_bytes_of,
     read_header,
 )
 from lidarcodec.wire.sections import SECTION_HEAD, read_sections, section_bytes
 
-__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "checksum_of", "pack", "peek", "size_of", "unpack"]
+__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "checksum_of", "goes_on", "pack", "peek", "size_of", "unpack"]
 
 
 def pack(message: Message) -> bytes:
@@ -81,4 +82,6 @@ def unpack(data: bytes) -> Message:
         frame_count=header.frame_count,
         needs=header.needs,
         planes=header.planes,
+        goes_on=header.goes_on,
+        more=header.more,
     )

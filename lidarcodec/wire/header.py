@@ -29,13 +29,17 @@ CHECKSUM_BYTES: Final = 4
 
 FLAG_KEY: Final = 1
 FLAG_NEEDS: Final = 2
+FLAG_MORE: Final = 4
 FLAG_PLANES: Final = 0x100
+FLAG_GOES_ON: Final = 0x200
+_KNOWN_CRITICAL: Final = FLAG_PLANES | FLAG_GOES_ON
 CRITICAL_FLAGS: Final = 0xFF00
 """Flags that change the meaning of a message: a reader that does not know one refuses the message."""
 
 LAYOUT: Final = struct.Struct("<4sBBHIHHQqQQHHHH")
 HEADER_BYTES: Final = LAYOUT.size
 _VERSION_BYTES: Final = 5
+_FLAGS_AT: Final = 14
 
 
 class Header(NamedTuple):
@@ -59,6 +63,8 @@ class Header(NamedTuple):
     packets: int
     section_count: int
     planes: bool = False
+    goes_on: bool = False
+    more: bool = False
 
 
 def _check(value: int, low: int, high: int, what: str, offset: int) -> None:
@@ -81,6 +87,8 @@ def _check_fields(header: Header) -> None:
         if header.key:
             raise HeaderError(f"message header: a key message that needs frame {header.needs}", 14)
         _check(header.needs, 0, header.frame_index - 1, "needed frame", 40)
+    if header.goes_on and (header.planes or header.frame_count != 1 or header.needs != header.frame_index - 1):
+        raise HeaderError("message header: a part of a turn that does not go on from the frame before", 14)
 
 
 def header_bytes_of(message: Message, total_bytes: int) -> bytes:
@@ -92,14 +100,21 @@ def header_bytes_of(message: Message, total_bytes: int) -> bytes:
     header = Header(
         MAJOR, MINOR, HEADER_BYTES, total_bytes, message.codec, message.key, message.stream_id, message.stamp_ns,
         message.frame_index, needs, message.frame_count, message.width, message.packets, len(message.sections),
+        message.planes, message.goes_on, message.more,
     )  # fmt: skip
     _check_fields(header)
     flags = (FLAG_KEY if message.key else 0) | (FLAG_NEEDS if needs is not None else 0)
     flags |= FLAG_PLANES if message.planes else 0
+    flags |= (FLAG_GOES_ON if message.goes_on else 0) | (FLAG_MORE if message.more else 0)
     return LAYOUT.pack(
         MAGIC, MAJOR, MINOR, HEADER_BYTES, total_bytes, header.codec, flags, header.stream_id, header.stamp_ns,
         header.frame_index, needs or 0, header.frame_count, header.width, header.packets, header.section_count,
     )  # fmt: skip
+
+
+def goes_on(data: bytes) -> bool:
+    """Whether the bytes are, by the flags in their header, a message that goes on from the part of a turn before."""
+    return len(data) >= HEADER_BYTES and bool(int.from_bytes(data[_FLAGS_AT : _FLAGS_AT + 2], "little") & FLAG_GOES_ON)
 
 
 def check_version(data: bytes, *, magic: bytes = MAGIC, major: int = MAJOR, what: str = "message") -> None:
@@ -129,13 +144,14 @@ def read_header(data: bytes) -> Header:
     (_, major, minor, size, total, codec, flags, stream, stamp, index, needs, frames, width, packets, sections) = (
         LAYOUT.unpack_from(data)
     )
-    if flags & CRITICAL_FLAGS & ~FLAG_PLANES:
+    if flags & CRITICAL_FLAGS & ~_KNOWN_CRITICAL:
         raise UnsupportedVersionError(f"message with flags {flags:#06x}: this build does not know all of them", 14)
     if needs and not flags & FLAG_NEEDS:
         raise HeaderError(f"message header: names frame {needs} without the flag that it needs one", 40)
     header = Header(
         major, minor, size, total, codec, bool(flags & FLAG_KEY), stream, stamp, index,
         needs if flags & FLAG_NEEDS else None, frames, width, packets, sections, bool(flags & FLAG_PLANES),
+        bool(flags & FLAG_GOES_ON), bool(flags & FLAG_MORE),
     )  # fmt: skip
     _check_fields(header)
     return header

@@ -6,6 +6,7 @@
 
 namespace {
 
+using lidarcodec::IntensityMemory;
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
 
@@ -18,23 +19,27 @@ void expect_image(const In<std::uint8_t, 2>& image, const MaskGeometry& geometry
 }  // namespace
 
 void bind_intensity(nb::module_& m) {
+  nb::class_<IntensityMemory>(m, "IntensityMemory")
+      .def(nb::init<>(), "What the parts of a turn taught the coder of intensities; of no part yet.");
   m.def(
       "encode_intensity",
       [](In<std::uint8_t, 2> values, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-         In<std::int32_t, 1> rotation, std::uint32_t turn) {
+         In<std::int32_t, 1> rotation, std::uint32_t turn, IntensityMemory* memory, bool goes_on) {
         const MaskGeometry geometry = geometry_of(fired, half, rotation);
         expect_image(values, geometry);
         expect_image(returns, geometry);
         std::vector<std::uint8_t> data;
         {
           nb::gil_scoped_release release;
-          data = lidarcodec::encode_intensity(values.data(), returns.data(), geometry, turn);
+          data = lidarcodec::encode_intensity(values.data(), returns.data(), geometry, turn, memory, goes_on);
         }
         return give_bytes(data);
       },
       nb::arg("values").noconvert(), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(),
       nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
-      "Bytes of the intensities of the returns; `turn`: columns in a full turn, 0 to find it from the returns.");
+      nb::arg("memory").none() = nb::none(), nb::arg("goes_on") = false,
+      "Bytes of the intensities of the returns; `turn`: columns in a full turn, 0 to find it from the returns; "
+      "`memory`: of a turn in parts; `goes_on`: whether this part goes on from those before it.");
   m.def(
       "choose_levels",
       [](In<std::uint8_t, 2> values, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
@@ -55,7 +60,7 @@ void bind_intensity(nb::module_& m) {
   m.def(
       "decode_intensity",
       [](nb::bytes data, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-         In<std::int32_t, 1> rotation) {
+         In<std::int32_t, 1> rotation, IntensityMemory* memory) {
         const MaskGeometry geometry = geometry_of(fired, half, rotation);
         expect_image(returns, geometry);
         const std::uint8_t* bytes = data_of(data);
@@ -63,10 +68,11 @@ void bind_intensity(nb::module_& m) {
         std::vector<std::uint8_t> values;
         {
           nb::gil_scoped_release release;
-          values = lidarcodec::decode_intensity(bytes, size, returns.data(), geometry);
+          values = lidarcodec::decode_intensity(bytes, size, returns.data(), geometry, memory);
         }
         return give(std::move(values), {kMaskRows, geometry.width});
       },
       nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
-      nb::arg("rotation").noconvert(), "(64, W) uint8, 0 outside of the returns.");
+      nb::arg("rotation").noconvert(), nb::arg("memory").none() = nb::none(),
+      "(64, W) uint8, 0 outside of the returns; `memory`: of a turn in parts, what the parts before taught.");
 }

@@ -23,6 +23,18 @@ void check_round_trip(Bytes image, const Bytes& returns, const MaskGeometry& geo
   if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry) != image) std::abort();
 }
 
+// The same image three times, as parts of a turn that go on from each other.
+void check_parts(const Bytes& image, const Bytes& returns, const MaskGeometry& geometry, std::uint32_t turn) {
+  lidarcodec::IntensityMemory writes, reads;
+  Bytes expected(image.size());
+  for (std::size_t i = 0; i < image.size(); ++i) expected[i] = returns[i] != 0 ? image[i] : std::uint8_t{0};
+  for (int part = 0; part < 3; ++part) {
+    const Bytes data = lidarcodec::encode_intensity(image.data(), returns.data(), geometry, turn, &writes, part > 0);
+    if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry, &reads) != expected)
+      std::abort();
+  }
+}
+
 // A section whose header and symbols are sound, so that the input is read as the streams of the returns.
 Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t turn, std::uint8_t split) {
   lidarcodec::Symbols symbols;
@@ -70,12 +82,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const Bytes coded = (kind & 1u) ? with_sound_head(rest, levels, turn, split) : rest;
     check_round_trip(lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry), returns,
                      geometry, turn);
+    lidarcodec::IntensityMemory memory;  // of a part, and any bytes as one that goes on from it
+    lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry, &memory);
+    Bytes on = rest;
+    if (!on.empty()) on[0] = 2;
+    lidarcodec::decode_intensity(on.data(), on.size(), returns.data(), geometry, &memory);
   } catch (const lidarcodec::Error&) {
   }
   if (kind & 2u && !returns.empty() && !rest.empty()) {
     Bytes image(returns.size());
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = rest[i % rest.size()];
     check_round_trip(image, returns, geometry, turn);
+    check_parts(image, returns, geometry, turn);
   }
   return 0;
 }

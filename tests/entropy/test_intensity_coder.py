@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import itertools
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import decode_intensity, encode_intensity, intensity_coder
+from lidarcodec.entropy import IntensityMemory, decode_intensity, encode_intensity, intensity_coder
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
@@ -66,6 +67,35 @@ def test_any_intensities_come_back_and_native_writes_what_the_reference_writes(c
     np.testing.assert_array_equal(intensity.decode_intensity(data, cells, layout), expected)
     turn, rate = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:5], "little")
     assert data == intensity.encode_intensity(values, cells, layout, turn, rate)
+
+
+@settings(max_examples=examples(30), deadline=None)
+@given(cases(), st.integers(0, 24), st.integers(0, 24))
+def test_parts_of_a_turn_go_on_from_each_other_as_the_reference_says(case, one: int, other: int) -> None:
+    values, returns, fired, of = case
+    writes, reads, taught = IntensityMemory(), IntensityMemory(), []
+    cuts = sorted({0, min(one, values.shape[1]), min(other, values.shape[1]), values.shape[1]})
+    for number, (begin, end) in enumerate(itertools.pairwise(cuts)):
+        part, seen, shot = (np.ascontiguousarray(image[:, begin:end]) for image in (values, returns, fired))
+        data = encode_intensity(part, seen, shot, of, memory=writes, goes_on=number > 0)
+        expected = np.where(seen, part, 0)
+        np.testing.assert_array_equal(decode_intensity(data, seen, shot, of, memory=reads), expected)
+        came = intensity.decode_intensity(data, seen.view(np.uint8), layout_of(shot, of), taught)
+        np.testing.assert_array_equal(came, expected)
+
+
+def test_a_part_that_goes_on_costs_less_and_is_nothing_without_the_one_before() -> None:
+    values, fired = scene(600, 60), all_fired(600)
+    returns = np.ones(values.shape, bool)
+    memory = IntensityMemory()
+    parts = [(values[:, at : at + 200].copy(), returns[:, :200], fired[:, :200]) for at in (0, 200, 400)]
+    on = [encode_intensity(*part, SENSOR, memory=memory, goes_on=number > 0) for number, part in enumerate(parts)]
+    alone = [encode_intensity(*part, SENSOR) for part in parts]
+    assert on[0] == alone[0]
+    assert sum(map(len, on[1:])) < 0.99 * sum(map(len, alone[1:]))
+    for reads in (None, IntensityMemory()):
+        with pytest.raises(SectionError, match="go on from a part"):
+            decode_intensity(on[1], *parts[1][1:], SENSOR, memory=reads)
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])

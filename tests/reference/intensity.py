@@ -14,8 +14,9 @@ from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, Layout
 from tests.reference.range_coder import BitModel, BitReader, Bits, BitWriter
 
-CONSTANT, CODED = range(2)
+CONSTANT, CODED, GOES_ON = range(3)
 HEAD_BYTES: Final = 11
+ON_BYTES: Final = 9
 MAX_RATE: Final = 8191
 MASS_CLASSES: Final = 48
 ONE: Final = 32767
@@ -241,13 +242,26 @@ class RowCoder:
         self._symbols, self._rate, self._coders = symbols, rate, coders
         self._cells = Cells(symbols)
         self._last = [[0] * 4, [0] * 4]
+        self._ends: dict[int, list[int]] = {}
 
-    def code(self, mask: list[int], above: list[int], row: list[int]) -> None:
+    def go_on(self, rate: int, coders: tuple[Coder, Coder]) -> RowCoder:
+        """This coder, for the next part of a turn."""
+        self._rate, self._coders = rate, coders
+        return self
+
+    @property
+    def values(self) -> list[int]:
+        """The values in use."""
+        return self._symbols.values
+
+    def code(self, number: int, mask: list[int], above: list[int], row: list[int]) -> None:
         """Code a row in place. mask: which cells are returns; above: cell k of the row above is at k + 8."""
         cells = [k for k in range(len(row)) if mask[k]]
         half = (len(cells) + 1) // 2
         for h, first in enumerate((0, half)):
-            if first < len(cells):
+            if h == 0 and number in self._ends:
+                self._last[0] = self._ends[number]
+            elif first < len(cells):
                 self._last[h] = [above[cells[first] + 8]] * 4
         for i in range(half):
             turn = [(0, i)] + ([(1, half + i)] if half + i < len(cells) else [])
@@ -263,6 +277,8 @@ class RowCoder:
                     raise SectionError("an intensity that is none of those announced")
                 row[cells[j]] = self._symbols.leaf.index(leaf)
                 self._last[h] = [row[cells[j]], *self._last[h][:3]]
+        if cells:
+            self._ends[number] = self._last[len(cells) > 1]
 
     def _walk(self, halves: list[int], about: list[list[tuple[int, ...]]], leaves: list[int]) -> list[int]:
         depth, ways = self._symbols.depth, [0] * len(halves)
@@ -285,7 +301,7 @@ def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn
     filled: list[list[int]] = []
     for row in range(ROWS):
         above = layout.above(filled, row - 1, row, turn)
-        coder.code(mask[row], above, rows[row])
+        coder.code(row, mask[row], above, rows[row])
         seen = above[8 : 8 + len(rows[row])]
         symbol = next((s for s, is_return in zip(rows[row], mask[row], strict=True) if is_return), None)
         if symbol is not None:
@@ -317,8 +333,11 @@ def encode_intensity(values: Image, returns: Image, layout: Layout, turn: int, r
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + announced + first + second
 
 
-def decode_intensity(data: bytes, returns: Image, layout: Layout) -> Image:
-    """(64, W) uint8. Raises SectionError or TruncatedError."""
+def decode_intensity(data: bytes, returns: Image, layout: Layout, taught: list[RowCoder] | None = None) -> Image:
+    """(64, W) uint8. taught: of a turn in parts, the coder of the part before; gets that of this one.
+
+    Raises SectionError or TruncatedError.
+    """
     image, mask = np.zeros((ROWS, layout.width), np.uint8), closed_up(returns, layout)
     if not returns.any():
         if data:
@@ -331,24 +350,35 @@ def decode_intensity(data: bytes, returns: Image, layout: Layout) -> Image:
             raise SectionError("bytes after the end of intensities", 2)
         image[returns != 0] = data[1]
         return image
-    if data[0] != CODED:
-        raise SectionError("intensities of an unknown kind")
-    if len(data) < HEAD_BYTES:
+    if data[0] not in (CODED, GOES_ON) or (data[0] == GOES_ON and not taught):
+        raise SectionError("intensities of an unknown kind, or without the part that they go on from")
+    begins = data[0] == CODED
+    size = HEAD_BYTES if begins else ON_BYTES
+    if len(data) < size:
         raise TruncatedError("intensities end within their header", len(data))
-    turn, rate, head, first = (int.from_bytes(data[at:to], "little") for at, to in ((1, 3), (3, 5), (5, 7), (7, 11)))
+    turn, rate, first = (int.from_bytes(data[at:to], "little") for at, to in ((1, 3), (3, 5), (size - 4, size)))
+    head = int.from_bytes(data[5:7], "little") if begins else 0
     if not 0 < rate <= MAX_RATE:
         raise SectionError("intensities that learn at a rate beyond the limits", 3)
-    split = HEAD_BYTES + head
+    split = size + head
     if split + first > len(data):
         raise TruncatedError("intensities end before their streams do", len(data))
-    bits = BitReader(data[HEAD_BYTES:split])
-    values, classes = code_symbols(bits, None)
-    bits.finish()
-    if len(values) < 2:
-        raise SectionError("intensities of fewer than two values", HEAD_BYTES)
     coders = WideReader(data[split : split + first]), WideReader(data[split + first :])
+    if begins:
+        bits = BitReader(data[HEAD_BYTES:split])
+        values, classes = code_symbols(bits, None)
+        bits.finish()
+        if len(values) < 2:
+            raise SectionError("intensities of fewer than two values", HEAD_BYTES)
+        coder_of_rows = RowCoder(Symbols(values, classes), rate, coders)
+    else:
+        assert taught is not None
+        coder_of_rows = taught.pop().go_on(rate, coders)
+        values = coder_of_rows.values
     rows = [[0] * len(row) for row in mask]
-    code_rows(layout, mask, rows, turn, RowCoder(Symbols(values, classes), rate, coders))
+    code_rows(layout, mask, rows, turn, coder_of_rows)
+    if taught is not None:
+        taught[:] = [coder_of_rows]
     for coder in coders:
         coder.finish()
     for row in range(ROWS):

@@ -182,13 +182,15 @@ class Flight:
         with self._condition:
             self._path.new_codec()
 
-    def sent(self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False) -> None:
-        """A message of `size` bytes and `frames` frames is sent now."""
+    def sent(
+        self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False, turn: int | None = None
+    ) -> None:
+        """A message of `size` bytes and `frames` frames is sent now. turn: index of the first part of its turn"""
         with self._condition:
             to, now = self._following(), self._clock()
             self._proofs.put(index, checksum, now)
             self._gaps.message(now, size)
-            for old in self._under_way.put(Sent(index, now, size, key, frames, to)):
+            for old in self._under_way.put(Sent(index, now, size, key, frames, to, index if turn is None else turn)):
                 self._under_way.missed(old, to or (old.to if old.to in self._followed else None))
             if to is not None and self._quiet_s is None:
                 self._quiet_s = now
@@ -348,7 +350,7 @@ class Flight:
         return self._path.window(0.0 if following is None else self._rtt(following))
 
     def _may_send(self, most: int) -> bool:
-        return self._following() is None or len(self._under_way) < min(self._window(), most)
+        return self._following() is None or self._under_way.turns < min(self._window(), most)
 
     def _due(self) -> float:
         """Time at which the next message under way is given up."""

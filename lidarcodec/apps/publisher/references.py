@@ -31,9 +31,12 @@ class References:
         self._needs: OrderedDict[int, int | None] = OrderedDict()
         self._there: set[int] = set()
 
-    def sent(self, index: int, needs: int | None) -> None:
-        """A message is sent. needs: index of the frame that it refers to"""
-        if needs is None:
+    def sent(self, index: int, needs: int | None, *, goes_on: bool = False) -> None:
+        """A message is sent. needs: index of the frame that it refers to; goes_on: whether it takes the place of that,
+        as a part of its turn"""
+        if goes_on and needs == self.begun:
+            self.begun = index
+        elif needs is None:
             self.begun = index
             self._needs.clear()
             self._there.clear()

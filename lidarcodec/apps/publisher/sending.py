@@ -76,6 +76,8 @@ class Sending:
         self.adapting = Adapting(flight)
         self.matching = False
         self.next_index = 0
+        self._within = False  # whether a part of a turn was sent, of which another part follows
+        self._turn = 0  # index of the first part of the turn
 
     @property
     def sensor(self) -> SensorModel:
@@ -114,7 +116,7 @@ class Sending:
                     self._coding.choosing.offer(frame)
                     self._board.no_receiver += 1
                 continue
-            if not self._flight.wait(TICK_S) or not self._coder_ready():
+            if not (self._within or self._flight.wait(TICK_S)) or not self._coder_ready():
                 continue
             frame = self._mailbox.take(TICK_S)
             if frame is not None:
@@ -136,6 +138,9 @@ class Sending:
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
+        self._within = frame.part.more
+        if not frame.part.goes_on:
+            self._turn = frame.index
         if self._side_outputs.originals is not None:
             self._side_outputs.originals.offer(frame)
         refining = self._side_outputs.refining
@@ -146,7 +151,7 @@ class Sending:
         start = time.perf_counter()
         try:
             with self._encoding:
-                key = self._in_doubt(chooses=self._choose_reference()) or asked
+                key = not frame.part.goes_on and (self._in_doubt(chooses=self._choose_reference()) or asked)
                 self.next_index = frame.index + 1
                 if key:
                     self._key_wanted.clear()
@@ -202,8 +207,9 @@ class Sending:
     def _put(self, sender: Sender, message: Message, data: bytes) -> None:
         index = message.frame_index
         self._refers = self._refers or message.needs is not None
-        self._references.sent(index, message.needs)
-        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key)
+        self._references.sent(index, message.needs, goes_on=message.goes_on)
+        turn = self._turn if message.goes_on else index
+        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key, turn=turn)
         start = time.perf_counter()
         try:
             sender.put(data)

@@ -12,7 +12,7 @@ from lidarcodec.apps.past.keeper import Keeper
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
 from lidarcodec.assembly import Assembler
 from lidarcodec.errors import PacketError
-from lidarcodec.frame import Frame
+from lidarcodec.frame import WHOLE, Frame
 from lidarcodec.mounting import Mounting
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
@@ -64,7 +64,7 @@ class FrameFeed:
         elif loop and not source.live:
             self._paced = PacedSource(source, speed=float("inf"), loop=True)
         self._sensor_time = SensorTime()
-        self.mailbox: Mailbox[Frame] = Mailbox()
+        self.mailbox: Mailbox[Frame] = Mailbox(goes_on=lambda frame: frame.part.goes_on)
         self._recorder = keep[0] if keep else None
         self._record_as = keep[1] if keep else None
         self._lock = threading.Lock()
@@ -164,9 +164,9 @@ class FrameFeed:
                 lost = self._assembler.waiting > 0
                 self._renew()
         if self._recorder is not None and self._record_as == "lossless":
-            self._recorder.frame(frame)
+            self._recorder.frame(frame.with_(part=WHOLE))
         if self._keeper is not None:
-            self._keeper.frame(frame)
+            self._keeper.frame(frame.with_(part=WHOLE))
         if not wait:
             self.mailbox.put(frame)
         else:

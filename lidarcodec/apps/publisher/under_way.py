@@ -11,13 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-REMEMBERED: Final = 16
+from lidarcodec.settings import MAX_PARTS
+
+REMEMBERED: Final = 4 * MAX_PARTS
 
 
 @dataclass(frozen=True)
 class Sent:
-    """A sent message: its index, time, size, whether it is a key frame, its number of frames, and the followed
-    receiver."""
+    """A sent message: its index, time, size, whether it is a key frame, its number of frames, the followed receiver,
+    and the index of the first part of its turn (its own of a whole frame)."""
 
     index: int
     at_s: float
@@ -25,6 +27,7 @@ class Sent:
     key: bool
     frames: int
     to: str | None
+    turn: int = -1
 
 
 class Landed(NamedTuple):
@@ -50,6 +53,11 @@ class UnderWay:
     def __len__(self) -> int:
         """Number of open messages."""
         return len(self._open)
+
+    @property
+    def turns(self) -> int:
+        """Number of turns with open messages."""
+        return len({self._sent[index].turn for index in self._open})
 
     def put(self, sent: Sent) -> list[Sent]:
         """A message is sent. It waits for a report if a receiver is followed. Returns messages that it replaces."""

@@ -25,6 +25,7 @@ from lidarcodec.apps.receiver.stats import ReceiverStats
 from lidarcodec.apps.receiver.udp_out import UdpOut
 from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.apps.worker.isolation import Isolate
+from lidarcodec.assembly.turns import TurnJoiner
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
@@ -61,6 +62,7 @@ def subscribe(
     record: str | Path | None = None,
     clouds: bool = False,
     refine: bool = False,
+    parts: bool = False,
     isolate: Isolate | None = None,
     clock: Clock = SYSTEM,
 ) -> LiveStream:
@@ -84,6 +86,7 @@ def subscribe(
         record=record,
         clouds=clouds,
         refine=refine,
+        parts=parts,
         isolate=isolate,
         clock=clock,
     )
@@ -108,6 +111,7 @@ class LiveStream:
     record:     folder for the messages;  clouds: also record the points of each frame, for viewers
     refine:     take refinements of a stream with `base_error_m`, and record them. A frame is given when it is refined
                 whole, or else when the next message comes: up to a frame later
+    parts:      with `framing=parts:N` give each part of a turn as soon as it is decoded. Otherwise a frame is a turn
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto` (those with native code that
                 may crash). By default the variable LIDARCODEC_ISOLATE, otherwise `auto`
     on_message: called with the bytes of every message, in the receive thread; must be quick and raise nothing
@@ -129,6 +133,7 @@ class LiveStream:
         record: str | Path | None = None,
         clouds: bool = False,
         refine: bool = False,
+        parts: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
         on_message: Callable[[bytes], object] | None = None,
@@ -143,6 +148,7 @@ class LiveStream:
         self._udp = None if udp is None else UdpOut(udp)
         self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)
         self._clouds = clouds
+        self._turns = None if parts else TurnJoiner()
         if clouds and self._recorder is not None:
             self._recorder.keep_clouds()
         self._on_message = on_message
@@ -302,7 +308,12 @@ class LiveStream:
             self._recorder.close()
 
     def _deliver(self, frame: Frame) -> None:
-        """Forward a frame to iteration and outputs; called in the decode thread."""
+        """Forward what was decoded; called in the decode thread."""
+        for whole in [frame] if self._turns is None else self._turns.add(frame):
+            self._give(whole)
+
+    def _give(self, frame: Frame) -> None:
+        """Forward a frame to iteration and outputs."""
         latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
         if self._clouds and self._recorder is not None:
             self._recorder.cloud(frame)
@@ -333,6 +344,8 @@ class LiveStream:
 
     def _ended(self) -> None:
         """No more messages will come: send the last UDP packets, then end the iteration."""
+        for frame in [] if self._turns is None else self._turns.flush():
+            self._give(frame)
         if self._udp is not None and not self._frames.closed:
             self._udp.wait_sent(LAST_PACKETS_S)
         self._frames.close()

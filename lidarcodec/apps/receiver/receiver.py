@@ -1,6 +1,6 @@
 """Receiver: messages of one stream in, decoded frames out. It continues after restarts of either side.
 
-    receive thread   ring of one -> header -> slot of the decoder -> arrival report
+    receive thread   newest message, or parts of a turn -> header -> slot of the decoder -> arrival report
     decode thread    bytes -> message -> frames -> the given handler
     control thread   asks for key frames when one is needed, reports once a second, measures the round trip
 
@@ -25,6 +25,7 @@ from lidarcodec.apps.once import Once
 from lidarcodec.apps.receiver.refinements import Refinements
 from lidarcodec.apps.receiver.round_trips import RoundTrips
 from lidarcodec.apps.receiver.stats import ReceiverStats
+from lidarcodec.apps.receiver.turn_inbox import DEPTH, TurnInbox
 from lidarcodec.apps.reports import Arrival, pack_arrival, read_status
 from lidarcodec.apps.worker.isolation import Isolate, Isolation
 from lidarcodec.codecs import table
@@ -102,7 +103,7 @@ class Receiver:
         self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
         self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
         self._declared: list[Closeable] = []
-        self._slot: Mailbox[Message] = Mailbox()
+        self._slot: Mailbox[Message] = Mailbox(goes_on=lambda message: message.goes_on)
         self._once = Once(logger)
         self.refinements = Refinements(keys, name, on_frame, on_message, self._once) if refine else None
         self._isolation = Isolation(isolate, lambda error: self._once.add(f"worker {error.cause}", error))
@@ -218,7 +219,7 @@ class Receiver:
 
     def _declare(self, transport: Transport) -> tuple[Inbox, Sender]:
         keys = self.keys
-        self._declared.append(inbox := transport.inbox(keys.frame))
+        self._declared.append(inbox := transport.inbox(keys.frame, DEPTH))
         self._declared.append(arrivals := transport.sender(keys.arrived(self.name), Priority.REAL_TIME))
         self._declared.append(transport.listen(keys.status, self._status_came))
         self._declared.append(transport.watch(keys.alive, self._publisher_changed))
@@ -230,7 +231,8 @@ class Receiver:
         return inbox, arrivals
 
     def _take_messages(self, inbox: Inbox, arrivals: Sender) -> None:
-        while (data := inbox.receive()) is not None and not self._stop.is_set():
+        turns = TurnInbox(inbox)
+        while (data := turns.receive()) is not None and not self._stop.is_set():
             try:
                 message = unpack(data)  # checks the checksum before anything is counted
             except DecodeError as error:
@@ -297,7 +299,8 @@ class Receiver:
             frames = self._decoder.decode(message)
         except MissingReferenceError as error:
             self._once.add("missing_references", error)
-            self._want_key()
+            if not message.goes_on:  # a lost part costs no more than the rest of its turn
+                self._want_key()
             return []
         except UnsupportedVersionError as error:  # no key frame would help
             self._once.add("decode_errors", error)

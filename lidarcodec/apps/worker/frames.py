@@ -24,7 +24,7 @@ from lidarcodec.apps.worker.wire import Buffer, Channel, GarbledError
 from lidarcodec.codecs.other_sensors import other_decoder, other_encoder
 from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import LidarCodecError, SectionError
-from lidarcodec.frame import Frame
+from lidarcodec.frame import Frame, Part
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, Origin, SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import Role, SideInfo
@@ -43,6 +43,7 @@ from lidarcodec.wire import pack, unpack
 _HEAD: Final = struct.Struct("<qqIIIIIII")
 _SENSOR: Final = struct.Struct("<BBBd")
 _HAS_SENSOR, _HAS_SIDE, _HAS_KEEP, _HAS_POSE, _IS_OTHER = 1, 2, 4, 8, 16
+_GOES_ON, _MORE = 32, 64
 _LIMITS: Final = {
     "columns": MAX_COLUMNS,
     "packets": MAX_PACKETS,
@@ -98,6 +99,7 @@ class FrameWriter:
         _checked((frame.width, *counts))
         flags = (_HAS_SENSOR if told != self._last_sensor else 0) | (_HAS_SIDE if side is not None else 0)
         flags |= (_HAS_KEEP if frame.keep is not None else 0) | (_HAS_POSE if frame.pose is not None else 0)
+        flags |= (_GOES_ON if frame.part.goes_on else 0) | (_MORE if frame.part.more else 0)
         parts: list[Buffer] = [_HEAD.pack(frame.index, frame.stamp_ns, frame.width, flags, *counts)]
         if told != self._last_sensor:
             name = sensor.name.encode()
@@ -135,7 +137,7 @@ class FrameReader:
         _checked((width, *counts))
         if flags & _HAS_SENSOR:
             self._sensor = self._take_sensor(channel, end)
-        if self._sensor is None or index < 0 or flags > 15:
+        if self._sensor is None or index < 0 or flags > 127:
             raise GarbledError(f"frame {index} has no sensor")
 
         def array(dtype: npt.DTypeLike, *shape: int) -> npt.NDArray[Any]:
@@ -180,6 +182,7 @@ class FrameReader:
             side,
             keep,
             pose,
+            part=Part(bool(flags & _GOES_ON), bool(flags & _MORE)),
         )
 
     @staticmethod

@@ -23,6 +23,7 @@ Message message_of(const nb::object& given) {
   message.codec = static_cast<Codec>(number("codec"));
   message.key = nb::cast<bool>(given.attr("key"));
   message.planes = nb::cast<bool>(given.attr("planes"));
+  message.goes_on = nb::cast<bool>(given.attr("goes_on"));
   message.stream_id = number("stream_id");
   message.frame_index = number("frame_index");
   message.stamp_ns = nb::cast<std::int64_t>(given.attr("stamp_ns"));

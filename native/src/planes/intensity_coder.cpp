@@ -1,5 +1,8 @@
 #include "planes/intensity_coder.hpp"
 
+#include <algorithm>
+#include <utility>
+
 #include "base/error.hpp"
 #include "bits/rangecoder.hpp"
 #include "mask/align.hpp"
@@ -9,10 +12,11 @@
 namespace lidarcodec {
 namespace {
 
-enum Kind : std::uint8_t { kConstant = 0, kCoded = 1 };
+enum Kind : std::uint8_t { kConstant = 0, kCoded = 1, kGoesOn = 2 };
 
 constexpr std::size_t kConstantBytes = 2;  // kind, value
 constexpr std::size_t kHeadBytes = 11;     // kind, turn u16, rate u16, bytes of the symbols u16 and first stream u32
+constexpr std::size_t kOnBytes = 9;        // the same without symbols, of a part that goes on
 constexpr std::uint32_t kMaxRate = 8191;
 
 // The learning rate: higher for frames with fewer returns. Fitted to KITTI frames cut into pieces of each size.
@@ -27,11 +31,14 @@ struct Stream {
   std::uint32_t turn, rate;
 };
 
-// Codes all rows of an image, (64, W). Cells without a return are neither read nor written.
+// Codes all rows of an image, (64, W). Cells without a return are neither read nor written. memory: of the symbols;
+// changed.
 template <int Depth, class Coder, class Image>
-void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& layout, const ClosedRows& returned,
+void code_rows(IntensityMemory& memory, const Stream& stream, const MaskLayout& layout, const ClosedRows& returned,
                std::size_t width, typename RowCoder<Depth, Coder>::Halves& halves, Image* image) {
-  RowCoder<Depth, Coder> coder(symbols, stream.rate, halves);
+  const Symbols& symbols = memory.symbols;
+  RowCoder<Depth, Coder> coder(symbols, std::move(memory.cells), stream.rate, halves);
+  memory.cells.clear();
   RowReturns returns(width);
   PaddedRow above(width);
   std::vector<std::uint8_t> here(width), before(width);  // symbols
@@ -50,7 +57,7 @@ void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& l
       for (std::size_t i = 0; i < returns.count; ++i) act(here[returns.cell[i]], of_row[columns[returns.cell[i]]]);
     };
     if constexpr (!coder.kReads) for_each_return([&](auto& symbol, auto& value) { symbol = symbols.of_value[value]; });
-    coder.code(returns, above.cells(), here.data());
+    coder.code(returns, above.cells(), memory.ended[row] ? &memory.last[row] : nullptr, here.data());
     if constexpr (coder.kReads) for_each_return([&](auto& symbol, auto& value) { value = symbols.value[symbol]; });
 
     // For the row below, cells without a return take the symbol to their left, or the first one of the row.
@@ -59,30 +66,33 @@ void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& l
     } else {
       std::uint8_t symbol = here[returns.cell[0]];
       for (std::size_t k = 0; k < n; ++k) here[k] = symbol = is_return[k] ? here[k] : symbol;
+      memory.last[row] = halves[returns.count > 1 ? 1 : 0].last;
+      memory.ended[row] = true;
     }
     here.swap(before);
   }
+  memory.cells = coder.give_cells();
 }
 
 template <class Coder, class... Given>
-void code_rows_of(const Symbols& symbols, Given&&... given) {
-  switch (symbols.depth) {
+void code_rows_of(IntensityMemory& memory, Given&&... given) {
+  switch (memory.symbols.depth) {
     case 1:
-      return code_rows<1, Coder>(symbols, given...);
+      return code_rows<1, Coder>(memory, given...);
     case 2:
-      return code_rows<2, Coder>(symbols, given...);
+      return code_rows<2, Coder>(memory, given...);
     case 3:
-      return code_rows<3, Coder>(symbols, given...);
+      return code_rows<3, Coder>(memory, given...);
     case 4:
-      return code_rows<4, Coder>(symbols, given...);
+      return code_rows<4, Coder>(memory, given...);
     case 5:
-      return code_rows<5, Coder>(symbols, given...);
+      return code_rows<5, Coder>(memory, given...);
     case 6:
-      return code_rows<6, Coder>(symbols, given...);
+      return code_rows<6, Coder>(memory, given...);
     case 7:
-      return code_rows<7, Coder>(symbols, given...);
+      return code_rows<7, Coder>(memory, given...);
     default:
-      return code_rows<8, Coder>(symbols, given...);
+      return code_rows<8, Coder>(memory, given...);
   }
 }
 
@@ -96,39 +106,64 @@ std::size_t take(const std::uint8_t* from, int bytes) {
   return value;
 }
 
+void begin_models(IntensityMemory& memory, Symbols&& symbols) {
+  memory.symbols = std::move(symbols);
+  memory.cells.clear();
+  memory.ended = {};
+}
+
+// Whether all values of `few` are among those of `many`. Both rise.
+bool has_all(const Symbols& many, const Symbols& few) {
+  return std::includes(many.value.begin(), many.value.end(), few.value.begin(), few.value.end());
+}
+
 }  // namespace
 
+void begin_turn(IntensityMemory& memory) {
+  memory.cells.clear();
+  memory.ended = {};
+  memory.returns = 0;
+}
+
 std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std::uint8_t* returns,
-                                           const MaskGeometry& geometry, std::uint32_t turn) {
+                                           const MaskGeometry& geometry, std::uint32_t turn, IntensityMemory* memory,
+                                           bool goes_on) {
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
+  IntensityMemory alone;
+  IntensityMemory& taught = memory == nullptr ? alone : *memory;
+  if (!goes_on) begin_turn(taught);
   if (returned.returns == 0) return {};
 
   std::array<std::size_t, 256> counts{};
   for (std::size_t i = 0; i < kMaskRows * width; ++i) counts[values[i]] += returns[i] != 0;
   Symbols symbols = symbols_of(counts);
   if (symbols.count() == 1) return {kConstant, symbols.value[0]};
-  symbols.place();
-
-  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width),
-                         rate_for(returned.returns)};
+  taught.returns += returned.returns;
+  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width), rate_for(taught.returns)};
   std::vector<std::uint8_t> head;
-  BitWriter bits(head);
-  code_symbols(bits, symbols);
-  bits.finish();
+  goes_on = !taught.cells.empty() && has_all(taught.symbols, symbols);
+  if (!goes_on) {
+    begin_models(taught, memory == nullptr ? std::move(symbols) : symbols_of(counts, taught.seen));
+    taught.symbols.place();
+    BitWriter bits(head);
+    code_symbols(bits, taught.symbols);
+    bits.finish();
+  }
   std::array<Half<WideEncoder>, 2> halves;
-  code_rows_of<WideEncoder>(symbols, stream, layout, returned, width, halves, values);
+  code_rows_of<WideEncoder>(taught, stream, layout, returned, width, halves, values);
+  for (const std::uint8_t value : taught.symbols.value) taught.seen[value] = true;
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
 
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + head.size() + first.size() + second.size());
-  put(out, kCoded, 1);
+  put(out, goes_on ? kGoesOn : kCoded, 1);
   put(out, stream.turn, 2);
   put(out, stream.rate, 2);
-  put(out, head.size(), 2);
+  if (!goes_on) put(out, head.size(), 2);
   put(out, first.size(), 4);
   out.insert(out.end(), head.begin(), head.end());
   out.insert(out.end(), first.begin(), first.end());
@@ -137,7 +172,7 @@ std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std
 }
 
 std::vector<std::uint8_t> decode_intensity(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
-                                           const MaskGeometry& geometry) {
+                                           const MaskGeometry& geometry, IntensityMemory* memory) {
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
@@ -152,26 +187,36 @@ std::vector<std::uint8_t> decode_intensity(const std::uint8_t* data, std::size_t
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = returns[i] != 0 ? data[1] : std::uint8_t{0};
     return image;
   }
-  if (data[0] != kCoded) throw Error(ErrorCode::Section, "intensities of an unknown kind");
-  if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "intensities end within their header", size);
+  if (data[0] != kCoded && data[0] != kGoesOn) throw Error(ErrorCode::Section, "intensities of an unknown kind");
+  const bool goes_on = data[0] == kGoesOn;
+  IntensityMemory alone;
+  IntensityMemory& taught = memory == nullptr ? alone : *memory;
+  if (goes_on && taught.cells.empty())
+    throw Error(ErrorCode::Section, "intensities that go on from a part of the turn that had none");
+  const std::size_t head_bytes = goes_on ? kOnBytes : kHeadBytes;
+  if (size < head_bytes) throw Error(ErrorCode::Truncated, "intensities end within their header", size);
   const Stream stream = {static_cast<std::uint32_t>(take(data + 1, 2)), static_cast<std::uint32_t>(take(data + 3, 2))};
   if (stream.rate == 0 || stream.rate > kMaxRate)
     throw Error(ErrorCode::Section, "intensities that learn at a rate beyond the limits", 3);
-  const std::size_t head = take(data + 5, 2), first = take(data + 7, 4), rest = size - kHeadBytes;
+  const std::size_t head = goes_on ? 0 : take(data + 5, 2), first = take(data + head_bytes - 4, 4);
+  const std::size_t rest = size - head_bytes;
   if (head > rest || first > rest - head)
     throw Error(ErrorCode::Truncated, "intensities end before their streams do", size);
 
-  Symbols symbols;
-  BitReader bits(data + kHeadBytes, head);
-  code_symbols(bits, symbols);
-  bits.finish();
-  if (symbols.count() < 2) throw Error(ErrorCode::Section, "intensities of fewer than two values", kHeadBytes);
-  symbols.place();
-  const std::uint8_t* streams = data + kHeadBytes + head;
+  if (!goes_on) {
+    Symbols symbols;
+    BitReader bits(data + kHeadBytes, head);
+    code_symbols(bits, symbols);
+    bits.finish();
+    if (symbols.count() < 2) throw Error(ErrorCode::Section, "intensities of fewer than two values", kHeadBytes);
+    begin_models(taught, std::move(symbols));
+    taught.symbols.place();
+  }
+  const std::uint8_t* streams = data + head_bytes + head;
   std::array<Half<WideDecoder>, 2> halves = {Half<WideDecoder>{WideDecoder(streams, first)},
                                              Half<WideDecoder>{WideDecoder(streams + first, rest - head - first)}};
   for (Half<WideDecoder>& half : halves) half.interval = half.coder.start();
-  code_rows_of<WideDecoder>(symbols, stream, layout, returned, width, halves, image.data());
+  code_rows_of<WideDecoder>(taught, stream, layout, returned, width, halves, image.data());
   for (const Half<WideDecoder>& half : halves) half.coder.finish(half.interval);
   return image;
 }

@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 #include "bits/cells.hpp"
@@ -44,7 +45,8 @@ class IntensityModel {
   static constexpr std::uint32_t kRecord = kFirstCells + 16 * kSecondCells;  // cells of a context
   using Named = std::array<Cells*, kContexts>;
 
-  explicit IntensityModel(const Symbols& symbols) {
+  // taught: cells of an earlier model of the same symbols, to go on from; empty: begins anew.
+  IntensityModel(const Symbols& symbols, std::vector<Cells>&& taught) {
     const std::uint32_t fine = fine_class(symbols.count() - 1) + 1;
     const std::array<std::uint32_t, kContexts> sizes = {256, 16 * fine, 16 * fine, 512, 1296, 4, 128};
     std::uint32_t total = 0;
@@ -52,11 +54,17 @@ class IntensityModel {
       begin_[i] = total * kRecord;
       total += sizes[i];
     }
-    cells_.resize(total * kRecord);
     for (std::size_t s = 0; s < symbols.count(); ++s) parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
+    if (taught.size() == total * kRecord) {
+      cells_ = std::move(taught);
+      return;
+    }
+    cells_.resize(total * kRecord);
     expect_guess(symbols);
     rule_out_empty_leaves(symbols);
   }
+
+  std::vector<Cells> give_cells() { return std::move(cells_); }
 
   // The first cells of each context of a return.
   Named contexts(const Surroundings& about) {

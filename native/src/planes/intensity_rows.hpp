@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/error.hpp"
@@ -57,17 +58,27 @@ class RowCoder {
   static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
   using Halves = std::array<Half<Coder>, 2>;
 
-  RowCoder(const Symbols& symbols, std::uint32_t rate, Halves& halves)
-      : symbols_(symbols), model_(symbols), rate_(static_cast<std::int16_t>(rate)), halves_(halves) {}
+  RowCoder(const Symbols& symbols, std::vector<Cells>&& taught, std::uint32_t rate, Halves& halves)
+      : symbols_(symbols),
+        model_(symbols, std::move(taught)),
+        rate_(static_cast<std::int16_t>(rate)),
+        halves_(halves) {}
 
-  // Writes or reads the symbols of the returns of a row. above: the row above, aligned with this one, with its margin.
-  // Raises Section or Truncated.
-  void code(const RowReturns& returns, const std::uint8_t* above, std::uint8_t* symbols) {
+  std::vector<Cells> give_cells() { return model_.give_cells(); }
+
+  // Writes or reads the symbols of the returns of a row. above: the row above, aligned with this one, with its margin;
+  // before: the last symbols of the row in the part of the turn before this one, or nullptr. Raises Section or
+  // Truncated.
+  void code(const RowReturns& returns, const std::uint8_t* above, const std::array<std::uint8_t, 4>* before,
+            std::uint8_t* symbols) {
     const std::size_t n = returns.count, half = (n + 1) / 2;
     for (std::size_t h = 0; h < 2; ++h) {
       const std::size_t first = h == 0 ? 0 : half;
       halves_[h].next = first;
-      if (first < n) halves_[h].last.fill(above[returns.cell[first]]);
+      if (h == 0 && before != nullptr)
+        halves_[h].last = *before;
+      else if (first < n)
+        halves_[h].last.fill(above[returns.cell[first]]);
       if constexpr (!kReads) halves_[h].coder.make_room(half * Depth);
     }
     for (std::size_t i = half; i < n; ++i) step<2>(returns, above, symbols);

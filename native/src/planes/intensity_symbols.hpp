@@ -37,16 +37,19 @@ struct Symbols {
   }
 };
 
-// The symbols of a histogram. The class of a symbol is the quantile of the middle of its returns.
-inline Symbols symbols_of(const std::array<std::size_t, 256>& returns_of_value) {
+// The symbols of a histogram, and of values that may come. The class of a symbol is the quantile of the middle of its
+// returns.
+inline Symbols symbols_of(const std::array<std::size_t, 256>& returns_of_value,
+                          const std::array<bool, 256>& may_come = {}) {
   std::size_t total = 0, before = 0;
   for (const std::size_t returns : returns_of_value) total += returns;
   Symbols symbols;
   for (std::size_t value = 0; value < 256; ++value) {
     const std::size_t returns = returns_of_value[value];
-    if (returns == 0) continue;
+    if (returns == 0 && !may_come[value]) continue;
     symbols.value.push_back(static_cast<std::uint8_t>(value));
-    symbols.mass_class.push_back(static_cast<std::uint8_t>((2 * before + returns) * kMassClasses / (2 * total)));
+    const std::size_t mass_class = (2 * before + returns) * kMassClasses / (2 * total);  // kMassClasses behind the last
+    symbols.mass_class.push_back(static_cast<std::uint8_t>(mass_class < kMassClasses ? mass_class : kMassClasses - 1));
     before += returns;
   }
   return symbols;

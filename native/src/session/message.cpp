@@ -14,7 +14,7 @@ constexpr std::uint8_t kMajor = 1;
 constexpr std::size_t kHeaderBytes = 56, kChecksumBytes = 4, kSectionHead = 6;
 constexpr std::size_t kLeast = kHeaderBytes + kChecksumBytes;
 constexpr std::uint64_t kMostFrames = 64, kMostPackets = 2048, kMostSections = 256;
-constexpr std::uint64_t kKey = 1, kNeeds = 2, kPlanes = 0x100, kCritical = 0xFF00;
+constexpr std::uint64_t kKey = 1, kNeeds = 2, kPlanes = 0x100, kGoesOn = 0x200, kCritical = 0xFF00;
 constexpr std::size_t kKnownTypes = 16;
 constexpr std::array<const char*, kKnownTypes + 1> kTypes = {
     "",        "range", "mask",   "intensity", "azimuth",  "side",   "calibration", "keep", "motion",
@@ -97,7 +97,7 @@ Message read_message(Bytes data) {
   check_whole(data);
   const std::uint64_t header = little_endian(data, 6, 2), flags = little_endian(data, 14, 2),
                       needs = little_endian(data, 40, 8);
-  if ((flags & kCritical & ~kPlanes) != 0)
+  if ((flags & kCritical & ~(kPlanes | kGoesOn)) != 0)
     throw Error(ErrorCode::Version, "message with flags " + text(flags) + ": this build does not know all of them", 14);
   if (needs != 0 && (flags & kNeeds) == 0)
     throw Error(ErrorCode::Header, "message header: names frame " + text(needs) + " without the flag that it needs one",
@@ -127,6 +127,10 @@ Message read_message(Bytes data) {
                   "message header: frame " + text(message.frame_index) + " needs frame " + text(needs), 40);
     message.needs = needs;
   }
+  message.goes_on = (flags & kGoesOn) != 0;
+  if (message.goes_on &&
+      (message.planes || message.frame_count != 1 || !message.needs || *message.needs + 1 != message.frame_index))
+    throw Error(ErrorCode::Header, "message header: a part of a turn that does not go on from the frame before", 14);
 
   const std::size_t end = data.size() - kChecksumBytes;
   std::size_t at = header;

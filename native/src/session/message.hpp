@@ -54,7 +54,8 @@ struct Section {
 struct Message {
   Codec codec{};
   bool key = false;
-  bool planes = false;  // of another sensor than an HDL-64E, in PLANES and REST sections
+  bool goes_on = false;  // a further part of the turn of the frame before, which it needs
+  bool planes = false;   // of another sensor than an HDL-64E, in PLANES and REST sections
   std::uint64_t stream_id = 0, frame_index = 0;
   std::int64_t stamp_ns = 0;
   std::optional<std::uint64_t> needs;

@@ -69,7 +69,8 @@ std::vector<Number> image(Bytes data, std::size_t rows, std::size_t width, const
 
 }  // namespace
 
-void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes) {
+void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes,
+                        IntensityMemory& memory) {
   planes.intensity.assign(planes.returns.size(), 0);
   const std::optional<Bytes> section = message.find(SectionType::Intensity);
   if (!section) return;
@@ -87,7 +88,7 @@ void decode_intensities(const Message& message, const Outside& outside, const Se
   const std::vector<std::uint8_t>& returns = planes.returns;
   if (modelled) {
     planes.intensity = decode_intensity(coded.data(), coded.size(), returns.data(),
-                                        sensor.geometry(planes.width, planes.fired.data()));
+                                        sensor.geometry(planes.width, planes.fired.data()), &memory);
   } else {
     const auto count =
         static_cast<std::size_t>(std::count_if(returns.begin(), returns.end(), [](std::uint8_t r) { return r != 0; }));

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "planes/intensity_coder.hpp"
 #include "session/message.hpp"
 #include "session/outside.hpp"
 #include "session/sensor.hpp"
@@ -21,8 +22,9 @@ struct Planes {
   std::vector<std::uint8_t> returns;    // (64, W), 0 or 1
 };
 
-// Fills `intensity`, 0 where nothing was sent. Raises Section or Truncated.
-void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes);
+// Fills `intensity`, 0 where nothing was sent. memory: of the parts of a turn. Raises Section or Truncated.
+void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes,
+                        IntensityMemory& memory);
 
 // T_world_sensor, the first three rows; nothing without a POSE section. Raises Section.
 std::optional<std::array<double, 12>> decode_pose(const Message& message);

@@ -141,7 +141,10 @@ ImageFrame Session::images_of(const Message& message) {
 
 // Goes on from the frame that the message needs. Raises Reference if that is not kept.
 void Session::refer(const Message& message) {
-  if (!message.needs) {
+  if (message.goes_on) {  // takes the place of the part before
+    if (message.needs != last_ || message.needs != part_) throw_missing(message);
+    last_.reset();  // until it is decoded
+  } else if (!message.needs) {
     kept_.forget();
   } else if (message.needs == last_) {
     kept_.put(*last_, Remembered(now_));
@@ -158,12 +161,14 @@ void Session::refer(const Message& message) {
 void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
   frame.sensor = sensors_.of(message, *outside_);
   refer(message);
+  part_.reset();
+  if (!message.goes_on) begin_turn(intensities_);
   frame.planes = planes_of(message, *frame.sensor);
   if (message.needs)
     now_.masks.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
   else
     now_.masks.begin(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
-  last_ = message.frame_index;
+  last_ = part_ = message.frame_index;
   frame.has_intensity = message.has(SectionType::Intensity);
 }
 
@@ -191,7 +196,7 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   planes.azimuth = std::move(azimuths.azimuth);
   planes.fired = std::move(azimuths.fired);
   decode_mask_of(message, sensor, planes);
-  decode_intensities(message, *outside_, sensor, planes);
+  decode_intensities(message, *outside_, sensor, planes, intensities_);
   check_side(message);
   decode_pose(message);
   if (expects_ranges(message.codec))

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from lidarcodec.apps.receiver.freshness import Forward
 from lidarcodec.apps.receiver.receiver import Receiver
+from lidarcodec.assembly.turns import TurnJoiner
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -77,6 +78,7 @@ class Watch:
     def renew(self, transport: Transport) -> None:
         """Make a new receiver, without starting it."""
         self._transport = transport
+        self._turns = TurnJoiner()
         if self._originals is not None:
             self._compare(wanted=False)
             self._compare(wanted=True)
@@ -194,6 +196,10 @@ class Watch:
     # --- in the receiver's threads ----------------------------------------------------------------------------------
 
     def _decoded(self, frame: Frame) -> None:
+        for whole in self._turns.add(frame):
+            self._take(whole)
+
+    def _take(self, frame: Frame) -> None:
         stats, message, now_ns = self.receiver.stats, self.receiver.decoded, time.time_ns()
         latency_ms = stats.decoded(frame, now_ns)
         stream_id = None if message is None else message.stream_id

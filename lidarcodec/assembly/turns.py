@@ -1,0 +1,93 @@
+"""Turns that came in parts (`framing=parts:N`), put together again.
+
+A turn is given when its last part is there. Where a part is missing, what came before it is given as soon as the next
+turn begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.frame import WHOLE, Frame
+from lidarcodec.side import Position, SideInfo
+
+
+class TurnJoiner:
+    """Parts of turns in, turns out. Other frames pass."""
+
+    def __init__(self) -> None:
+        self._parts: list[Frame] = []
+
+    def add(self, frame: Frame) -> list[Frame]:
+        """The turns that are complete with this frame, and one before it that will never be."""
+        turns = []
+        before = self._parts[-1] if self._parts else None
+        if before is not None and (not frame.part.goes_on or frame.index != before.index + 1):
+            turns.append(joined(self._parts))
+            self._parts = []
+        self._parts.append(frame)
+        if not frame.part.more:
+            turns.append(joined(self._parts))
+            self._parts = []
+        return turns
+
+    def flush(self) -> list[Frame]:
+        """What came of a turn at the end of a stream."""
+        parts, self._parts = self._parts, []
+        return [joined(parts)] if parts else []
+
+
+def joined(parts: Sequence[Frame]) -> Frame:
+    """Consecutive frames of an HDL-64E as one, with index, stamp, pose and mounting of the first.
+
+    Raises LidarCodecError for frames that are no parts of one turn: of different sensors, or reduced.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first if first.part == WHOLE else first.with_(part=WHOLE)
+    if any(one.sensor.hash != first.sensor.hash or one.keep is not None or one.lattice is not None for one in parts):
+        raise LidarCodecError("frames of different sensors, or reduced ones, are no parts of one turn")
+    return Frame(
+        first.index,
+        first.stamp_ns,
+        np.hstack([one.range_u16 for one in parts]),
+        np.hstack([one.intensity for one in parts]),
+        np.hstack([one.azimuth for one in parts]),
+        np.hstack([one.fired for one in parts]),
+        first.sensor,
+        _joined_side(parts),
+        pose=first.pose,
+        mount=first.mount,
+    )
+
+
+def _joined_side(parts: Sequence[Frame]) -> SideInfo | None:
+    """The side information of all; None if one has none."""
+    sides = [side for one in parts if (side := one.blocks) is not None]
+    if len(sides) < len(parts):
+        return None
+    places: dict[bytes, int] = {}
+    layout = [
+        np.array([places.setdefault(one.tobytes(), len(places)) for one in side.layouts], np.uint16)[side.layout]
+        for side in sides
+    ]
+    begin_ns, before = parts[0].stamp_ns, 0
+    packet_ns, positions = [], []
+    for part, side in zip(parts, sides, strict=True):
+        later_ns = part.stamp_ns - begin_ns
+        packet_ns.append(side.packet_ns + later_ns)
+        positions += [Position(one.place + before, one.offset_ns + later_ns, one.payload) for one in side.positions]
+        before += side.packets
+    return SideInfo(
+        np.concatenate(packet_ns),
+        np.concatenate([side.gps_us for side in sides]),
+        np.concatenate([side.status for side in sides]),
+        np.array([np.frombuffer(one, np.uint8) for one in places], np.uint8).reshape(len(places), -1),
+        np.concatenate(layout),
+        np.concatenate([side.irregular for side in sides]),
+        np.concatenate([side.second for side in sides]),
+        tuple(positions),
+    )
