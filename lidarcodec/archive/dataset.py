@@ -64,8 +64,9 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
 
     @property
     def digest(self) -> str:
-        """A hash of the segments and what is read of them. Ranks with equal ones share out the same frames."""
-        found = hashlib.sha256(repr(self._limits).encode())
+        """A hash of the segments, what is read of them, and their order in this epoch. Ranks with equal ones share out
+        the same frames."""
+        found = hashlib.sha256(f"{self._limits} {self._order()}\n".encode())
         for one in self._segments:
             offsets = None if one.offsets is None else sorted(one.offsets)
             found.update(f"{one.commit.name} {offsets}\n".encode())
@@ -85,7 +86,7 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
         worker, ranks = get_worker_info(), self._ranks_now()
         workers = 1 if worker is None else worker.num_workers
         share = Share(ranks.number * workers + (0 if worker is None else worker.id), ranks.of * workers)
-        order = f"{self._seed}/{int(self._epoch[0])}" if self._shuffle else None
+        order = self._order()
         pieces = map(self._frames, share_of(self._segments, lambda one: one.commit.segment, share, order))
         found: Iterator[Frame]
         if order is None:
@@ -95,14 +96,17 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
         return found if self._transform is None else map(self._transform, found)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_ranks": self._ranks_now()}  # a spawned worker knows no torch.distributed
+        """A spawned worker knows no torch.distributed. A process that will be a rank asks it, once that is begun."""
+        return self.__dict__ | {"_ranks": self._ranks_now() if _distributed() else self._ranks}
+
+    def _order(self) -> str | None:
+        """What the order of segments follows from; None for that of the archive."""
+        return f"{self._seed}/{int(self._epoch[0])}" if self._shuffle else None
 
     def _ranks_now(self) -> Share:
         if self._ranks is not None:
             return self._ranks
-        if not (distributed.is_available() and distributed.is_initialized()):
-            return Share(0, 1)
-        return Share(distributed.get_rank(), distributed.get_world_size())
+        return Share(distributed.get_rank(), distributed.get_world_size()) if _distributed() else Share(0, 1)
 
     def _frames(self, piece: Piece[Chosen]) -> Iterator[Frame]:
         chosen = piece.segment
@@ -115,3 +119,8 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
             commit = chosen.commit
             name = f"{commit.vehicle}/{commit.sensor}/{commit.segment}"
             raise SourceError(f"{self._store.url}: segment {name}: {error}") from None
+
+
+def _distributed() -> bool:
+    """Whether this process is a rank of torch.distributed."""
+    return bool(distributed.is_available() and distributed.is_initialized())

@@ -8,10 +8,15 @@ from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 from lidarcodec.archive.engines.guarded import guarded
+from lidarcodec.archive.engines.worker import STATUS, resident_mb
 from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SourceError
 
 _CONNECT_S: Final = 10.0
+_ROOM_MB: Final = 128
+"""Of the limit of a worker, for its nanny and what varies."""
+_LEAST_MB: Final = 256
+"""A task is tried with so much in any case."""
 _GRACE_S: Final = 30.0
 """A worker that has not ended a task so long after its time is given up."""
 _GONE_S: Final = 60.0
@@ -19,13 +24,16 @@ _GONE_S: Final = 60.0
 
 
 def done_here(task: Task, timeout_s: float, memory_mb: int | None) -> Ended:
-    """Do a task in a worker. Its process may also take no more memory than a thread's share of the worker."""
+    """Do a task in a worker. Its process may also take no more memory than a thread's share of what the worker's limit
+    leaves beside the worker itself."""
     from distributed import get_worker
 
     worker: Any = get_worker()
-    share = worker.memory_manager.memory_limit
-    limits = [memory_mb, int(share / worker.state.nthreads / 1e6) if share else None]
-    return guarded(task, timeout_s, min(filter(None, limits), default=None))
+    limits = [] if memory_mb is None else [memory_mb]
+    if worker.memory_manager.memory_limit and STATUS.exists():
+        room_mb = worker.memory_manager.memory_limit / 1e6 - resident_mb() - _ROOM_MB
+        limits.append(max(_LEAST_MB, int(room_mb / worker.state.nthreads)))
+    return guarded(task, timeout_s, min(limits, default=None))
 
 
 class _Call:

@@ -4,6 +4,7 @@ or too much memory. The cluster's worker lives on.
 
 from __future__ import annotations
 
+import subprocess
 import threading
 from typing import Final
 
@@ -16,16 +17,19 @@ _here = threading.local()
 
 
 def guarded(task: Task, timeout_s: float, memory_mb: int | None) -> Ended:
-    """Do a task within limits of time and of resident memory in MB."""
+    """Do a task within limits of time and of resident memory in MB. What this machine lacks for it ends the task."""
     limits = timeout_s, memory_mb
-    if getattr(_here, "limits", None) != limits:
-        _forget()
-        _here.engine, _here.limits = _Kept(1, timeout_s, memory_mb), limits
     try:
+        if getattr(_here, "limits", None) != limits:
+            _forget()
+            _here.engine, _here.limits = _Kept(1, timeout_s, memory_mb), limits
         _here.engine.submit(task)
         found: list[Ended] = []
         while not found:
             found = _here.engine.ended(_WAIT_S)
+    except (OSError, MemoryError, subprocess.SubprocessError) as error:  # a full disk, or no more processes
+        _forget()
+        return Ended(task, "store", why=f"no process for it: {type(error).__name__}: {error}"[:1000])
     except BaseException:  # the cluster interrupts it: the next task begins with a new process
         _forget()
         raise
@@ -42,4 +46,5 @@ class _Kept(ProcessEngine):
     """Ends with the thread that holds it."""
 
     def __del__(self) -> None:
-        self.close()
+        if hasattr(self, "_scratch"):  # otherwise it was never made
+            self.close()

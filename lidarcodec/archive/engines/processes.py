@@ -123,7 +123,7 @@ class _Worker:
         """End the process at once, and remove its files."""
         self.alive, self.task = False, None
         self._process.kill()
-        self._process.wait(_END_S)
+        self._wait()  # one that waits for a dead disk is left to its end
         self.pipe.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -139,7 +139,9 @@ class _Worker:
             self._process.wait(_END_S)
 
 
-def _named(code: int) -> str:
+def _named(code: int | None) -> str:
+    if code is None:
+        return "no word"
     if code < 0:
         with contextlib.suppress(ValueError):
             return signal.Signals(-code).name

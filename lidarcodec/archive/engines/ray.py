@@ -41,7 +41,11 @@ class RayEngine:
         if not processors:
             ray.shutdown()
             raise SourceError(f"the Ray cluster at {address} has no processors: start a worker")
-        self.slots = processors  # no more, because the time of a task counts from here
+        # no more tasks than can run at once, because the time of a task counts from here
+        self.slots = processors if memory_mb is None else min(processors, self._room(memory_mb))
+        if not self.slots:
+            ray.shutdown()
+            raise SourceError(f"no machine of the Ray cluster at {address} has {memory_mb} MB: give less to --memory")
         more = {} if memory_mb is None else {"memory": memory_mb * 1_000_000}
         self._work = ray.remote(num_cpus=1, max_retries=0, **more)(guarded)
         self._running: dict[Any, tuple[Task, float]] = {}
@@ -59,6 +63,11 @@ class RayEngine:
 
     def submit(self, task: Task) -> None:
         self._running[self._remote(task)] = task, time.monotonic()
+
+    def _room(self, memory_mb: int) -> int:
+        """How many tasks of so much memory the machines of the cluster have room for."""
+        nodes = [one["Resources"] for one in self._ray.nodes() if one["Alive"]]
+        return sum(int(one.get("memory", 0) // (memory_mb * 1_000_000)) for one in nodes)
 
     def _remote(self, task: Task) -> Any:
         try:

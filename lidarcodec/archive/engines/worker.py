@@ -21,6 +21,8 @@ from typing import Final
 from lidarcodec.archive.scratch import forget
 from lidarcodec.archive.tasks import work
 
+log = logging.getLogger(__name__)
+
 OVER: Final = 77
 """Exit code of a worker that took more memory than it may."""
 STATUS: Final = Path("/proc/self/statm")
@@ -35,6 +37,9 @@ def serve(pipe: Connection, scratch: Path, parent: int, memory_mb: int | None) -
     """
     tempfile.tempdir = str(scratch)
     logging.basicConfig(level=logging.ERROR, format="lidarcodec: %(message)s")
+    if memory_mb is not None and not STATUS.exists():
+        log.warning("a task may take any memory here: there is no %s", STATUS)
+        memory_mb = None
     threading.Thread(target=_watch, args=(scratch, parent, memory_mb), daemon=True).start()
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -49,8 +54,10 @@ def _watch(scratch: Path, parent: int, memory_mb: int | None) -> None:
         if os.getppid() != parent:
             _remove(scratch)
             os._exit(1)
-        if memory_mb is not None and _resident_mb() > memory_mb:
-            os._exit(OVER)
+        if memory_mb is not None:
+            with contextlib.suppress(OSError):  # no more open files, for a moment
+                if resident_mb() > memory_mb:
+                    os._exit(OVER)
         time.sleep(_LOOK_S)
 
 
@@ -61,7 +68,8 @@ def _remove(scratch: Path) -> None:
         scratch.parent.rmdir()
 
 
-def _resident_mb() -> float:
+def resident_mb() -> float:
+    """Resident memory of this process in MB. Raises OSError where there is no STATUS."""
     return int(STATUS.read_text().split()[1]) * resource.getpagesize() / 1e6
 
 
