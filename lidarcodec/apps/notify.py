@@ -86,7 +86,10 @@ def told_ready(text: str, state: Callable[[], object], manager: Manager | None =
 
     def run(every_s: float) -> None:
         while not stop.wait(every_s):
-            state()
+            try:
+                state()
+            except Exception:  # it answered, so it is alive
+                logger.exception("the state of the service cannot be told")
             manager.alive()
 
     manager.ready(text)

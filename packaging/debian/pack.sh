@@ -6,7 +6,8 @@ stage=$1 out=$2 python=$3
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
 home=$stage/opt/lidarcodec
-version=$(sed -n 's/^version = "\(.*\)"/\1/p' "$root/pyproject.toml")
+version=$(basename "$home"/lib/python3*/site-packages/lidarcodec-*.dist-info .dist-info)
+version=${version#lidarcodec-}
 architecture=$(dpkg --print-architecture)
 SOURCE_DATE_EPOCH=$(git -C "$root" log -1 --format=%ct 2>/dev/null || date +%s)
 export SOURCE_DATE_EPOCH
