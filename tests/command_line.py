@@ -50,7 +50,7 @@ def start(*words, variables=None, **options):
     )
 
 
-def run(*words, cwd=None, **variables):
+def run(*words, cwd=None, limit_s=LIMIT_S, **variables):
     """A command from beginning to end: `returncode`, `stdout` and `stderr`."""
     return subprocess.run(
         [*COMMAND, *map(str, words)],
@@ -58,7 +58,7 @@ def run(*words, cwd=None, **variables):
         text=True,
         env=environment(**variables),
         cwd=cwd,
-        timeout=LIMIT_S,
+        timeout=limit_s,
         check=False,
     )
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from lidarcodec.archive.contents import WHOLE, Contents, commits_of
 from lidarcodec.archive.inputs import Input, inputs_of
-from lidarcodec.archive.names import Commit, id_of
+from lidarcodec.archive.names import Commit, id_of, printable
 from lidarcodec.archive.objects import read_plan
 from lidarcodec.archive.segments import Segment
 from lidarcodec.archive.stores.base import Store
@@ -72,7 +72,9 @@ class CompressPlan:
             if origin not in contents.plans and not self._keep_both and self._is_there(one, origin):
                 continue
             value = {"input": asdict(one), "origin": origin, "name": one.name, "settings": self._settings}
-            task = self._task("cut", f"{origin}-{WHOLE}", one.name[:1000], value | {"seconds": self._seconds})
+            task = self._task(
+                "cut", f"{origin}-{WHOLE}", printable(one.name)[:1000], value | {"seconds": self._seconds}
+            )
             plan = self._read(origin)
             if plan is None:
                 self.counts["changed"] += bool(contents.cut.get(one.name_id(), set()) - {one.id()})

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from lidarcodec.archive.jobs.table import work_of
+from lidarcodec.archive.names import printable
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import LidarCodecError, MissingExtraError
 
@@ -72,4 +73,4 @@ def _told(error: Exception, task: Task) -> str:
         local = bare.startswith("/") and name and bare.rpartition("/")[2] == name.rpartition("/")[2]
         words.append(word.replace(bare, name) if local else word)
     kind = "" if isinstance(error, LidarCodecError | OSError) else f"{type(error).__name__}: "
-    return (kind + " ".join(words))[:1000]
+    return printable(kind + " ".join(words))[:1000]

@@ -236,19 +236,22 @@ def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_pa
     (inputs / "empty.mcap").write_bytes(b"")
     (inputs / "notes.txt").write_text("not an input")
     (inputs / "link.pcap").symlink_to("/etc/passwd")
+    (inputs / "\x1b[2J.pcap").write_bytes(b"a name that clears a terminal")
     out = tmp_path / "out"
     done = archive("run", inputs, out, *SHORT, "--json", code=1)
     told = json.loads(done.stdout)
     assert told["frames"] == FRAMES
-    assert {one["what"] for one in told["aside"]} == {"broken.pcap", "empty.mcap", "link.pcap"}
+    assert {one["what"] for one in told["aside"]} == {"broken.pcap", "empty.mcap", "link.pcap", "\\x1b[2J.pcap"}
+    assert "\x1b" not in done.stderr
+    assert "\x1b" not in archive("query", out, "select chr(27) as a").stdout
     whys = [json.loads(path.read_text()) for path in (out / "aside").iterdir()]
     assert {"what": "link.pcap", "why": "it is a link that leaves its folder"} in whys
     assert not [one for one in whys if str(tmp_path) in one["why"]]
     told = json.loads(archive("run", inputs, out, *SHORT, "--json", code=1).stdout)
-    assert (told["finished"], told["earlier_aside"], told["aside"]) == (4, 3, [])
-    assert "3 of the inputs were set aside by an earlier run" in caplog.text
+    assert (told["finished"], told["earlier_aside"], told["aside"]) == (5, 4, [])
+    assert "4 of the inputs were set aside by an earlier run" in caplog.text
     done = archive("run", inputs, out, *SHORT, "--repair", "--json", code=1)
-    assert json.loads(done.stdout)["repaired"]["aside"] == 3
+    assert json.loads(done.stdout)["repaired"]["aside"] == 4
 
 
 def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inputs, filled):

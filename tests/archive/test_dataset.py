@@ -22,6 +22,8 @@ from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from tests.command_line import run_here
 
+pytestmark = pytest.mark.timeout(300)
+
 FRAMES = 26
 
 

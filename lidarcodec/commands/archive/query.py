@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.names import printable
 from lidarcodec.archive.query import query
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.running.telling import tell
@@ -17,7 +18,7 @@ def run(archive: str, sql: str, as_json: bool) -> None:
     check_extra("a query")
     names, rows, lost = query(open_archive(archive).store, sql)
     plain = [list(map(_plain, row)) for row in rows]
-    table = [names, *([str(value) for value in row] for row in plain)]
+    table = [[printable(str(value)) for value in row] for row in (names, *plain)]
     widths = [max(len(row[at]) for row in table) for at in range(len(names))]
     lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in table)
     tell({"columns": names, "rows": plain, "lost": lost}, "\n".join(lines), as_json)

@@ -89,16 +89,14 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
         raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
+    if wanted.repair and job.leaves:
+        raise SettingsError(f"--repair is not for --job {wanted.job}: it repairs an archive, and OUT is none", "repair")
     if wanted.job != "verify":  # which needs no inputs
         check_there(inputs)
     if not job.leaves and wanted.job != "compress":
         check_there(target)
     result = _nothing(wanted)
     if wanted.repair:
-        if job.leaves:
-            raise SettingsError(
-                f"--repair is not for --job {wanted.job}: it repairs an archive, and OUT is none", "repair"
-            )
         result["repaired"] = dict(repair(target, inputs))
     if job.each == "archive":
         result |= work_of(wanted.job)({}, inputs, target)
