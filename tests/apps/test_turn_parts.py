@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.references import References
 from lidarcodec.apps.receiver.turn_inbox import DEPTH, TurnInbox
 from lidarcodec.pipeline import frames_of
@@ -78,6 +79,19 @@ def test_an_inbox_gives_all_parts_of_a_turn_and_else_the_newest(network) -> None
         for index in range(20):
             sender.put(message(index, goes_on=False))
         assert inbox.receive() == message(19, goes_on=False)
+
+
+def test_a_turn_waits_for_the_last_part_of_the_one_before() -> None:
+    """Else parts would queue up in a slow path."""
+    flight = Flight(clock=lambda: 1.0)
+    flight.came("office")
+    assert flight.wait(0)
+    for part in range(3):
+        flight.sent(part, part, 1000, turn=0)
+    for part in range(3):
+        assert not flight.wait(0)
+        flight.reported("office", part, part)
+    assert flight.wait(0)
 
 
 def test_a_turn_that_began_anew_can_be_referred_to_by_its_last_part() -> None:

@@ -3,6 +3,7 @@ decoded with what another part taught."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -181,6 +182,14 @@ def test_parts_that_go_on_cost_less_than_frames_of_their_own(codec) -> None:
     on = sum(len(wire.pack(one)) for one in sent(stream, codec))
     alone = sum(len(wire.pack(one)) for one in sent([frame.with_(part=WHOLE) for frame in stream], codec))
     assert on < alone
+
+
+@pytest.mark.parametrize(
+    ("codec", "digest"), [(("pcodec", {}), "ea7083dc63e8aab9"), (("predictive", {}), "919f9ef95bbea271")], ids=str
+)
+def test_the_bytes_of_parts_stay(codec, digest: str) -> None:
+    data = b"".join(section.data for message in sent(parts(2), codec) for section in message.sections)
+    assert hashlib.sha256(data).hexdigest()[:16] == digest
 
 
 def test_a_reader_that_does_not_know_parts_refuses_them_and_headers_cannot_lie() -> None:

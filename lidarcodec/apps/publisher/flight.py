@@ -2,7 +2,8 @@
 
 Only one message is in flight until its receiver reports the arrival. This bounds latency even when modems and routers
 on the path have large buffers, which no local setting can limit. With a long round trip one message would leave the
-link idle, so the number of messages is 1 + round(round-trip time / time to send one).
+link idle, so the number of messages is 1 + round(round-trip time / time to send one). The parts of a turn count as one:
+they do not wait for each other.
 
 A message counts as lost when a later report says that it is missing. When its own report is overdue, the next one is
 sent; `given_up` tells which messages that must not need. A receiver that reports nothing for a second is silent: then
@@ -62,6 +63,7 @@ class Flight:
         self._quiet_s: float | None = None  # when the oldest message was sent since the last report
         self._silent = False
         self._since_s = clock()
+        self._parts = self._part = 1  # messages of the last whole turn, and so far of this one
         self.timeouts = self.switches = 0
 
     @property
@@ -188,6 +190,10 @@ class Flight:
         """A message of `size` bytes and `frames` frames is sent now. turn: index of the first part of its turn"""
         with self._condition:
             to, now = self._following(), self._clock()
+            if turn is None or turn == index:
+                self._parts, self._part = self._part, 1
+            else:
+                self._part += 1
             self._proofs.put(index, checksum, now)
             self._gaps.message(now, size)
             for old in self._under_way.put(Sent(index, now, size, key, frames, to, index if turn is None else turn)):
@@ -347,7 +353,7 @@ class Flight:
 
     def _window(self) -> int:
         following = self._following()
-        return self._path.window(0.0 if following is None else self._rtt(following))
+        return self._path.window(0.0 if following is None else self._rtt(following), self._parts)
 
     def _may_send(self, most: int) -> bool:
         return self._following() is None or self._under_way.turns < min(self._window(), most)

@@ -112,12 +112,12 @@ class PathTimes:
         """Time that the path needs for a byte; 0 if that is not known."""
         return percentile(sorted(self._s_per_byte), 0.5) or 0.0
 
-    def window(self, rtt_s: float) -> int:
-        """How many messages may be under way: 1 + round(round trip / time to send one)."""
+    def window(self, rtt_s: float, parts: int = 1) -> int:
+        """How many turns may be under way: 1 + round(round trip / time to send one). parts: messages of a turn"""
         send = percentile(sorted(self._send_s), 0.5)
         if self._lossless or rtt_s < SHORT_PATH_S or not send:
             return 1  # a second one could replace the first in the receiver's ring
-        return min(MAX_IN_FLIGHT, 1 + round(rtt_s / send))
+        return min(MAX_IN_FLIGHT, 1 + round(rtt_s / (send * parts)))
 
     def silence_s(self) -> float:
         """After so many seconds without a report a receiver counts as silent."""

@@ -34,9 +34,117 @@ struct Surroundings {
   std::uint8_t edges;         // bit 1: the cell to the left is no return, bit 0: the one to the right
 };
 
+// Where the cells of the contexts lie, and what they begin with, for a tree of any depth: it is found once for a
+// section.
+class IntensityTables {
+ public:
+  std::vector<Cells> give_cells() { return std::move(cells_); }
+
+ protected:
+  // taught: cells of an earlier model of the same symbols, to go on from; empty: begins anew.
+  [[gnu::noinline]] IntensityTables(const Symbols& symbols, std::vector<Cells>&& taught)
+      : depth_(symbols.depth), first_(std::min(depth_, 4)) {
+    second_cells_ = depth_ == first_ ? 0 : depth_ - first_ < 4 ? 1 : 2;
+    record_ = 2 + 16 * second_cells_;
+    const std::uint32_t fine = fine_class(symbols.count() - 1) + 1;
+    const std::array<std::uint32_t, kContexts> sizes = {256, 16 * fine, 16 * fine, 512, 1296, 4, 128};
+    std::uint32_t total = 0;
+    for (std::size_t i = 0; i < kContexts; ++i) {
+      begin_[i] = total * record_;
+      total += sizes[i];
+    }
+    for (std::size_t s = 0; s < symbols.count(); ++s) parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
+    if (taught.size() == total * record_) {
+      cells_ = std::move(taught);
+      return;
+    }
+    cells_.resize(total * record_);
+    expect_guess(symbols);
+    rule_out_empty_leaves(symbols);
+  }
+
+  // What a symbol adds to the index of a context's cells, by its place in the surroundings. One cache line.
+  struct alignas(64) Parts {
+    std::array<std::uint32_t, 6> last;    // to contexts 0 to 4, and 6
+    std::array<std::uint32_t, 4> second;  // to contexts 1 to 4
+    std::array<std::uint32_t, 2> third;   // to contexts 3 and 4
+    std::uint32_t fourth, guess, around;
+  };
+
+  std::uint32_t fine_class(std::size_t symbol) const { return static_cast<std::uint32_t>(symbol >> (depth_ == 8)); }
+
+  Parts parts_of(std::uint32_t mass_class, std::uint32_t fine) const {
+    const std::uint32_t in16 = mass_class / 3, in8 = mass_class / 6, in6 = mass_class / 8, in4 = mass_class / 12;
+    const std::uint32_t r = record_;
+    return {{begin_[0] + in16 * r, begin_[1] + fine * 16 * r, begin_[2] + in16 * r, begin_[3] + in8 * 64 * r,
+             begin_[4] + in6 * 216 * r, begin_[6] + in8 * 4 * r},
+            {in16 * r, fine * 16 * r, in8 * 8 * r, in6 * 36 * r},
+            {in8 * r, in6 * 6 * r},
+            in6 * r,
+            in16 * 16 * r,
+            in4 * r};
+  }
+
+  // Sets the log odds of one decision: at `level`, on the path `way` from the root.
+  void set(Cells* record, int level, std::uint32_t way, int odds) {
+    std::uint32_t cell = 0, node = (1u << level) + way;
+    if (level >= first_) {
+      const int deeper = level - first_;
+      cell = 2 + second_cells_ * (way >> deeper);
+      node = (1u << deeper) + (way & ((1u << deeper) - 1));
+    }
+    const auto value = static_cast<std::int16_t>(odds);
+    std::memcpy(reinterpret_cast<char*>(record + cell) + sizeof value * node, &value, sizeof value);
+  }
+
+  // Context 0 begins with a distribution that decreases on both sides of its guess, by a factor of e in an eighth of
+  // the leaves.
+  void expect_guess(const Symbols& symbols) {
+    const std::size_t n = symbols.count();
+    for (std::size_t s = 0, end = 0; s < n; s = end) {
+      const std::uint32_t guess = symbols.mass_class[s] / 3u;
+      for (end = s + 1; end < n && symbols.mass_class[end] / 3u == guess; ++end) {
+      }
+      const auto centre = static_cast<std::int32_t>(((s + end) << depth_) / n);  // in half leaves
+      Cells* const record = cells_.data() + begin_[0] + guess * 16 * record_;
+      for (int level = 0; level < depth_; ++level) {
+        const std::int32_t half = 1 << (depth_ - level);  // of the leaves below, in half leaves
+        for (std::uint32_t way = 0; way < 1u << level; ++way) {
+          const std::int32_t middle = (2 * static_cast<std::int32_t>(way) + 1) * half;
+          set(record, level, way, std::clamp(centre - middle, -half, half) * 21845 >> depth_);
+        }
+      }
+      for (std::uint32_t last = 1; last < 16; ++last) std::copy_n(record, record_, record + last * record_);
+    }
+  }
+
+  // Context 5 begins with certainty where a side of the tree has no symbols.
+  void rule_out_empty_leaves(const Symbols& symbols) {
+    for (int level = 0; level < depth_; ++level) {
+      const std::uint32_t half = 1u << (depth_ - level - 1);
+      for (std::uint32_t way = 0; way < 1u << level; ++way) {
+        const auto any = [&](std::uint32_t from) {
+          const auto* leaves = symbols.of_leaf.data() + from;
+          return std::any_of(leaves, leaves + half, [](std::uint16_t symbol) { return symbol != kNoSymbol; });
+        };
+        const bool zero = any(2 * way * half), one = any((2 * way + 1) * half);
+        if (zero == one) continue;
+        for (std::uint32_t gap = 0; gap < 4; ++gap)
+          set(cells_.data() + begin_[5] + gap * record_, level, way, one ? 32767 : -32768);
+      }
+    }
+  }
+
+  int depth_, first_;  // levels of the tree, and of those that are coded together first
+  std::uint32_t second_cells_ = 0, record_ = 0;
+  std::array<Parts, 256> parts_{};
+  std::array<std::uint32_t, kContexts> begin_{};
+  std::vector<Cells> cells_;
+};
+
 // `Depth` is that of the symbols' tree.
 template <int Depth>
-class IntensityModel {
+class IntensityModel : public IntensityTables {
  public:
   static constexpr int kFirst = std::min(Depth, 4);  // levels whose probabilities are computed together first
   static constexpr int kSecond = Depth - kFirst;     // the other levels
@@ -45,26 +153,7 @@ class IntensityModel {
   static constexpr std::uint32_t kRecord = kFirstCells + 16 * kSecondCells;  // cells of a context
   using Named = std::array<Cells*, kContexts>;
 
-  // taught: cells of an earlier model of the same symbols, to go on from; empty: begins anew.
-  IntensityModel(const Symbols& symbols, std::vector<Cells>&& taught) {
-    const std::uint32_t fine = fine_class(symbols.count() - 1) + 1;
-    const std::array<std::uint32_t, kContexts> sizes = {256, 16 * fine, 16 * fine, 512, 1296, 4, 128};
-    std::uint32_t total = 0;
-    for (std::size_t i = 0; i < kContexts; ++i) {
-      begin_[i] = total * kRecord;
-      total += sizes[i];
-    }
-    for (std::size_t s = 0; s < symbols.count(); ++s) parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
-    if (taught.size() == total * kRecord) {
-      cells_ = std::move(taught);
-      return;
-    }
-    cells_.resize(total * kRecord);
-    expect_guess(symbols);
-    rule_out_empty_leaves(symbols);
-  }
-
-  std::vector<Cells> give_cells() { return std::move(cells_); }
+  IntensityModel(const Symbols& symbols, std::vector<Cells>&& taught) : IntensityTables(symbols, std::move(taught)) {}
 
   // The first cells of each context of a return.
   Named contexts(const Surroundings& about) {
@@ -81,83 +170,6 @@ class IntensityModel {
             cells + (begin_[5] + about.gap * kRecord),
             cells + (a.last[5] + about.edges * (32 * kRecord) + parts_[around].around)};
   }
-
- private:
-  // What a symbol adds to the index of a context's cells, by its place in the surroundings. One cache line.
-  struct alignas(64) Parts {
-    std::array<std::uint32_t, 6> last;    // to contexts 0 to 4, and 6
-    std::array<std::uint32_t, 4> second;  // to contexts 1 to 4
-    std::array<std::uint32_t, 2> third;   // to contexts 3 and 4
-    std::uint32_t fourth, guess, around;
-  };
-
-  static std::uint32_t fine_class(std::size_t symbol) { return static_cast<std::uint32_t>(symbol >> (Depth == 8)); }
-
-  Parts parts_of(std::uint32_t mass_class, std::uint32_t fine) const {
-    const std::uint32_t in16 = mass_class / 3, in8 = mass_class / 6, in6 = mass_class / 8, in4 = mass_class / 12;
-    constexpr std::uint32_t r = kRecord;
-    return {{begin_[0] + in16 * r, begin_[1] + fine * 16 * r, begin_[2] + in16 * r, begin_[3] + in8 * 64 * r,
-             begin_[4] + in6 * 216 * r, begin_[6] + in8 * 4 * r},
-            {in16 * r, fine * 16 * r, in8 * 8 * r, in6 * 36 * r},
-            {in8 * r, in6 * 6 * r},
-            in6 * r,
-            in16 * 16 * r,
-            in4 * r};
-  }
-
-  // Sets the log odds of one decision: at `level`, on the path `way` from the root.
-  void set(Cells* record, int level, std::uint32_t way, int odds) {
-    std::uint32_t cell = 0, node = (1u << level) + way;
-    if (level >= kFirst) {
-      const int deeper = level - kFirst;
-      cell = kFirstCells + kSecondCells * (way >> deeper);
-      node = (1u << deeper) + (way & ((1u << deeper) - 1));
-    }
-    const auto value = static_cast<std::int16_t>(odds);
-    std::memcpy(reinterpret_cast<char*>(record + cell) + sizeof value * node, &value, sizeof value);
-  }
-
-  // Context 0 begins with a distribution that decreases on both sides of its guess, by a factor of e in an eighth of
-  // the leaves.
-  void expect_guess(const Symbols& symbols) {
-    const std::size_t n = symbols.count();
-    for (std::size_t s = 0, end = 0; s < n; s = end) {
-      const std::uint32_t guess = symbols.mass_class[s] / 3u;
-      for (end = s + 1; end < n && symbols.mass_class[end] / 3u == guess; ++end) {
-      }
-      const auto centre = static_cast<std::int32_t>(((s + end) << Depth) / n);  // in half leaves
-      Cells* const record = cells_.data() + begin_[0] + guess * 16 * kRecord;
-      for (int level = 0; level < Depth; ++level) {
-        const std::int32_t half = 1 << (Depth - level);  // of the leaves below, in half leaves
-        for (std::uint32_t way = 0; way < 1u << level; ++way) {
-          const std::int32_t middle = (2 * static_cast<std::int32_t>(way) + 1) * half;
-          set(record, level, way, std::clamp(centre - middle, -half, half) * 21845 >> Depth);
-        }
-      }
-      for (std::uint32_t last = 1; last < 16; ++last) std::copy_n(record, kRecord, record + last * kRecord);
-    }
-  }
-
-  // Context 5 begins with certainty where a side of the tree has no symbols.
-  void rule_out_empty_leaves(const Symbols& symbols) {
-    for (int level = 0; level < Depth; ++level) {
-      const std::uint32_t half = 1u << (Depth - level - 1);
-      for (std::uint32_t way = 0; way < 1u << level; ++way) {
-        const auto any = [&](std::uint32_t from) {
-          const auto* leaves = symbols.of_leaf.data() + from;
-          return std::any_of(leaves, leaves + half, [](std::uint16_t symbol) { return symbol != kNoSymbol; });
-        };
-        const bool zero = any(2 * way * half), one = any((2 * way + 1) * half);
-        if (zero == one) continue;
-        for (std::uint32_t gap = 0; gap < 4; ++gap)
-          set(cells_.data() + begin_[5] + gap * kRecord, level, way, one ? 32767 : -32768);
-      }
-    }
-  }
-
-  std::array<Parts, 256> parts_{};
-  std::array<std::uint32_t, kContexts> begin_{};
-  std::vector<Cells> cells_;
 };
 
 }  // namespace lidarcodec
