@@ -24,6 +24,7 @@ import zenoh
 
 import lidarcodec
 from benchmarks.scenes import FRAMING
+from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.receiver.stats import last_packet_ns
 from lidarcodec.errors import MissingReferenceError
 from lidarcodec.frame import Frame
@@ -44,6 +45,7 @@ PLAIN = {
     "BLOCK": zenoh.CongestionControl.BLOCK,
     "BLOCK_FIRST": zenoh.CongestionControl.BLOCK_FIRST,
 }
+KEEP_BYTES = 8 * 10**9
 STATUS_S = 0.2
 TOLD = ("rate", "path", "replaced", "left_out", "frames", "put_ms", "refinements")
 COMPARED = 5
@@ -91,8 +93,8 @@ def session(**endpoints: list[str]) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) -> None:
-    """Publish a looped capture until SIGTERM."""
+def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any], keep: str | None = None) -> None:
+    """Publish a looped capture until SIGTERM. keep: folder of what is kept"""
     stop, told = stopped(), 0
     if policy in PLAIN:
         publish_plain(policy, source, listen, settings, stop)
@@ -104,6 +106,7 @@ def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) 
         vehicle=KEYS.vehicle,
         sensor=KEYS.sensor,
         endpoints=endpoints,
+        keep=None if keep is None else Keep(Path(keep), KEEP_BYTES),
     ) as publisher:
         while not stop.wait(STATUS_S):
             status = publisher.status()

@@ -24,8 +24,8 @@ def gaps() -> Gaps:
 def test_a_part_ends_before_the_next_message_is_due(gaps: Gaps) -> None:
     wait_s, size = gaps.room(0.95, WANTED, busy=False, rtt_s=0.001) or (0.0, 0)
     assert wait_s == 0.0
-    assert LEAST < size * BYTE_S / BYTE_S <= 0.05 / BYTE_S
-    again = gaps.room(0.96, WANTED, busy=False, rtt_s=0.001)
+    assert LEAST < size <= 0.05 / BYTE_S
+    again = gaps.room(0.96, WANTED, busy=False, rtt_s=0.05)
     assert again is not None
     assert again[1] == 0  # that part fills the gap
     assert again[0] == pytest.approx(0.04, abs=0.01)
@@ -36,6 +36,11 @@ def test_on_a_short_path_a_part_waits_for_the_report_of_the_message(gaps: Gaps) 
     assert (gaps.room(1.045, WANTED, busy=True, rtt_s=0.001) or (0, 1))[1] == 0
     gaps.arrived(1.045, BYTE_S, free=True)
     assert (gaps.room(1.045, WANTED, busy=False, rtt_s=0.001) or (0, 0))[1] > LEAST
+
+
+def test_on_a_short_path_small_parts_go_until_the_next_message_is_there(gaps: Gaps) -> None:
+    assert gaps.room(0.99, WANTED, busy=False, rtt_s=0.001, least=4096) == (0.0, 4096)
+    assert (gaps.room(0.99, WANTED, busy=False, rtt_s=0.05, least=4096) or (0, 1))[1] == 0
 
 
 def test_on_a_long_path_a_part_goes_when_the_link_is_free_although_the_report_is_on_its_way(gaps: Gaps) -> None:

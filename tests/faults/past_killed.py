@@ -153,7 +153,7 @@ class Narrow:
     def busy(self) -> bool:
         return time.time() % 0.1 < 0.098
 
-    def room(self, most: int) -> None:
+    def room(self, most: int, least: int) -> None:
         return None
 
 

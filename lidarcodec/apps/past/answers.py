@@ -47,8 +47,11 @@ class Link(Protocol):
     def busy(self) -> bool:
         """Whether a live message is on its way."""
 
-    def room(self, most: int) -> tuple[float, int] | None:
-        """How long to wait for a gap, and if that is 0, how many bytes of `most` are to be sent. None: not known."""
+    def room(self, most: int, least: int) -> tuple[float, int] | None:
+        """How long to wait for a gap, and if that is 0, how many bytes of `most` are to be sent. None: not known.
+
+        least: bytes that hold a live message up for so short a time that they may be sent before it
+        """
 
 
 class Answers:
@@ -86,17 +89,17 @@ class Answers:
         most = _whole(query, "most") if "most" in query else size
         data = self._kept.part(_text(query, "piece"), _whole(query, "at_ns"), offset, min(max(size, most), MAX_PART))
         begin = time.monotonic()
-        room = self._wait_for_room(max(1, min(most, len(data))), begin + WAIT_S)
+        room = self._wait_for_room(max(1, min(most, len(data))), size, begin + WAIT_S)
         data = data[: size if room is None else room]
         return HEAD.pack(PART, int(1e6 * (time.monotonic() - begin))) + data
 
-    def _wait_for_room(self, most: int, end_s: float) -> int | None:
+    def _wait_for_room(self, most: int, least: int, end_s: float) -> int | None:
         """Wait for a gap between live messages. The bytes that fit into it; None: that is not known, or none came."""
         while True:
             link, left_s = self._link(), end_s - time.monotonic()
             if link is None or left_s <= 0.0:
                 return None
-            room = link.room(most)
+            room = link.room(most, least)
             if room is None:
                 if not link.busy:
                     return None

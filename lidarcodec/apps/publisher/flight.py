@@ -201,12 +201,12 @@ class Flight:
             if to is not None and self._quiet_s is None:
                 self._quiet_s = now
 
-    def room(self, most: int) -> tuple[float, int] | None:
+    def room(self, most: int, least: int) -> tuple[float, int] | None:
         """As `Gaps.room`, for something else than live messages."""
         with self._condition:
             name = self._following()
             rtt_s = 0.0 if name is None else self._rtt(name)
-            return self._gaps.room(self._clock(), most, busy=self.busy, rtt_s=rtt_s)
+            return self._gaps.room(self._clock(), most, busy=self.busy, rtt_s=rtt_s, least=least)
 
     def beside(self, size: int) -> None:
         """So many bytes are sent beside live messages, and not by `room`."""

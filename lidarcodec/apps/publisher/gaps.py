@@ -2,7 +2,8 @@
 
 It predicts when the link has carried what was put, by the rate at which live messages arrive, and when the next live
 message is due. On a path with a short round trip a gap begins with the report of the message. On others it begins when
-the link is free as predicted; a report that is late ends it.
+the link is free as predicted; a report that is late ends it. On a short path, small parts go until the next message
+is there.
 
 >>> gaps = Gaps()
 >>> gaps.message(0.0, 20_000); gaps.message(0.1, 20_000)
@@ -64,10 +65,11 @@ class Gaps:
         """So many bytes are sent, whatever they are."""
         self.free_s = max(now_s, self.free_s) + size * self._s_per_byte
 
-    def room(self, now_s: float, most: int, *, busy: bool, rtt_s: float) -> tuple[float, int] | None:
+    def room(self, now_s: float, most: int, *, busy: bool, rtt_s: float, least: int = 0) -> tuple[float, int] | None:
         """How long to wait, and how many bytes to send if that is 0; they are taken. None: it is not known.
 
         most: bytes that are wanted;  busy: a live message is under way
+        least: bytes that may go on a short path although the next message is due: that is later by so much
         """
         put_s, interval_s, s_per_byte = self._put_s, self._interval_s, self._s_per_byte
         if put_s is None or interval_s is None or not s_per_byte or now_s - put_s > _STOPPED * interval_s:
@@ -75,8 +77,9 @@ class Gaps:
         due_s = put_s + interval_s - self._jitter_s
         if busy and (rtt_s < SHORT_PATH_S or now_s > self._message_free_s + rtt_s + LATE_S):
             return max(due_s - now_s, REST_S), 0
-        begin_s = max(now_s, self.free_s)
-        size = int((due_s - REST_S - begin_s) / (MARGIN * s_per_byte))
+        short = rtt_s < SHORT_PATH_S
+        begin_s = now_s if short and self.free_s - now_s < LATE_S else max(now_s, self.free_s)
+        size = max(int((due_s - REST_S - begin_s) / (MARGIN * s_per_byte)), least if short else 0)
         if size < min(LEAST, most):
             return max(due_s - now_s, REST_S), 0
         if begin_s > now_s:

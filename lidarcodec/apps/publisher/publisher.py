@@ -167,10 +167,10 @@ class Publisher:
         """Whether a message is under way."""
         return self._flight.busy
 
-    def room(self, most: int) -> tuple[float, int] | None:
+    def room(self, most: int, least: int) -> tuple[float, int] | None:
         """How long something else than a live message has to wait for the link, and if that is 0, how many bytes of
-        `most` fit before the next live message. None: that is not known."""
-        return self._flight.room(most)
+        `most` fit before the next live message, on a short path at least `least`. None: that is not known."""
+        return self._flight.room(most, least)
 
     @property
     def next_index(self) -> int:

@@ -111,7 +111,7 @@ class Gap:
     def __init__(self, size: int) -> None:
         self.busy, self.looks, self._size = True, 0, size
 
-    def room(self, most: int) -> tuple[float, int] | None:
+    def room(self, most: int, least: int) -> tuple[float, int] | None:
         self.looks += 1
         return (0.0, min(self._size, most)) if self.looks % 2 else (0.001, 0)
 
