@@ -116,6 +116,17 @@ async def test_a_clip_is_played_as_a_stream_and_stopped_again(serving, keeping):
         assert (await client.get(where)).json()["playing"] is None
 
 
+async def test_what_is_here_is_told_without_what_the_vehicle_did_not_keep(serving, keeping):
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        where = (await client.get(PAST, params=span(-100, 27))).headers["location"]
+        assert (await ended(client, where))["state"] == "complete"
+        ((begin, end),) = (await client.get(f"{PAST}/spans")).json()["here"]
+        assert begin == START_NS, "the first frame that was kept, ten seconds later than asked for"
+        assert end == int(span(0, 27)["to"])
+
+
 async def test_the_same_request_joins_the_running_fetch_and_it_goes_on_after_a_restart(serving, keeping, monkeypatch):
     monkeypatch.setattr(fetches, "TURN_S", 0.3)
     car = keeping()

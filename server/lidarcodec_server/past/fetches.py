@@ -20,6 +20,7 @@ from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, told
 from lidarcodec.files.whole import written_whole
 from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.past.clips import Clips, Record
 
 logger = logging.getLogger(__name__)
@@ -64,6 +65,7 @@ class Fetches:
         self._clips, self._transport = clips, transport
         self._jobs: dict[str, _Job] = {}
         self._ended: dict[str, Record] = {}
+        self._spans: dict[str, list[tuple[int, int]]] = {}
         self._wake = threading.Condition()
         self._beginning, self._disk = threading.Lock(), threading.Lock()
         self._stopped = False
@@ -182,6 +184,18 @@ class Fetches:
             found = [*self._ended.values(), *(job.record for job in self._jobs.values())]
         return sorted(found, key=lambda one: (one.started_ns, one.id), reverse=True)
 
+    def here(self, keys: StreamKeys) -> list[tuple[int, int]]:
+        """Spans of a stream that clips here have, oldest first: without what its vehicle did not keep."""
+        found = [one for one in self.all() if one.state == "complete" and one.clip.keys == keys]
+        for record in found:
+            if record.id not in self._spans:
+                plan = Plan.read(self._clips.plan_file(record), record.clip)
+                self._spans[record.id] = _without(record.clip, plan.gaps())
+        spans = [self._spans[record.id] for record in found]
+        known = {record.id for record in self.all()}
+        self._spans = {name: one for name, one in self._spans.items() if name in known}
+        return sorted(span for one in spans for span in one)
+
     # --- the threads ------------------------------------------------------------------------------------------------
 
     def _job(self, record: Record) -> _Job:
@@ -279,3 +293,10 @@ class Fetches:
             self._clips.remove(one)
         logger.info("%s: fetch %s: %s", record.clip.keys.prefix, record.id, reason or state)
         return record
+
+
+def _without(clip: Clip, gaps: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """What is left of a clip without its gaps, in ns."""
+    ends = [clip.from_ns, *(end for _, end in gaps)]
+    begins = [*(begin for begin, _ in gaps), clip.to_ns]
+    return [(begin, end) for begin, end in zip(ends, begins, strict=True) if end > begin]

@@ -193,13 +193,12 @@ def spans(service: TheService, fetches: TheFetches, keys: TheStream, client: Vie
     known_stream(service, keys)
     with service.limits.look(("past", keys)) as may:
         told = _ask(service, keys.past, {"ask": "spans"}) if may else None
-    here = [one.clip for one in fetches.all() if one.state == "complete" and one.clip.keys == keys]
     try:
         vehicle = None if told is None else [(int(begin), int(end)) for begin, end in told["spans"]][:64]
         marks = [] if told is None else [MarkAnswer(**mark) for mark in told["marks"]][:256]
     except (KeyError, TypeError, ValueError):
         vehicle, marks = None, []
-    return KeptAnswer(vehicle=vehicle, here=sorted((one.from_ns, one.to_ns) for one in here)[-64:], marks=marks)
+    return KeptAnswer(vehicle=vehicle, here=fetches.here(keys)[-64:], marks=marks)
 
 
 @router.put("/streams/{vehicle}/{sensor}/marks/{mark}", responses={**NO_SUCH, **FULL})

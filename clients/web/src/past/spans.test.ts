@@ -28,6 +28,7 @@ test("the last seconds end with the newest frame that the vehicle keeps, by its 
     marks: [],
   };
   expect(lastOf(kept, 30)).toEqual({ from: "1699999977000000000", to: "1700000007000000000" });
+  expect(lastOf(kept, 300)?.from).toBe("1699999950000000000");
   expect(lastOf({ ...kept, vehicle: null }, 30)).toBeNull();
   expect(lastOf(null, 30)).toBeNull();
 });

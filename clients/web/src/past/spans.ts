@@ -50,7 +50,8 @@ export function lastOf(kept: Kept | null, seconds: number): { from: string; to: 
   const ends = (kept?.vehicle ?? []).map(([, end]) => end);
   if (ends.length === 0) return null;
   const endMs = Math.ceil(Math.max(...ends) / MS);
-  return { from: `${endMs - 1000 * seconds}000000`, to: `${endMs}000000` };
+  const firstMs = Math.floor(Math.min(...(kept?.vehicle ?? []).map(([begin]) => begin)) / MS);
+  return { from: `${Math.max(endMs - 1000 * seconds, firstMs)}000000`, to: `${endMs}000000` };
 }
 
 /** Spans on a line that begins and ends at these times in ms. What is outside is left out. */
