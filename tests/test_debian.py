@@ -25,7 +25,7 @@ def package(tmp_path_factory):
     folder = tmp_path_factory.mktemp("debian")
     home = folder / "stage" / "opt" / "lidarcodec"
     (home / "bin").mkdir(parents=True)
-    (home / "lib").mkdir()
+    (home / "lib" / "python3.11" / "site-packages" / "lidarcodec-1.2.3.dist-info").mkdir(parents=True)
     (home / "bin" / "lidarcodec").write_text(f"#!{home}/bin/python3\n")
     (home / "bin" / "activate").write_text("")
     (home / "pyvenv.cfg").write_text(f"home = {home}\n")
