@@ -51,7 +51,7 @@ BUDGETS: Final[dict[str, Budget]] = {
     "arrays": Budget("arrays of annotations, samples and caches, `.npz`, `.npy`", 2048, 4096, 20),
     "checkpoint": Budget("checkpoints of training `.pt`", 2048, 4096, 20),
     "calibration": Budget("calibrations `db.xml`, `.yaml`, `.csv`, metadata `.json`", 1, 128, 10),
-    "weights": Budget("weights `.lcrw`", 4, 128, 2),
+    "weights": Budget("weights `.lcrw`, and `.npz` for maps", 4, 128, 2),
     "map": Budget("maps `.lcmap`", None, 768, 60),
     "config": Budget("`publish --config` `.yaml`", 1, 128, 10),
     "zenoh": Budget("`--zenoh-config` `.json5`", 1, 128, 5),

@@ -11,15 +11,19 @@ import numpy as np
 from lidarcodec.errors import SettingsError
 from lidarcodec.maps.file import write_map
 from lidarcodec.maps.points import MapPoints
-from lidarcodec.maps.select.table import method
+from lidarcodec.maps.select.table import Select, method
 
 FEWEST: Final = 100
 _TRIES: Final = 8
 _CLOSE: Final = 0.01
 
 
-def compressed(points: MapPoints, by: str, count: int, seed: int = 1) -> tuple[MapPoints, dict[str, Any]]:
+def compressed(
+    points: MapPoints, by: str, count: int, seed: int = 1, select: Select | None = None
+) -> tuple[MapPoints, dict[str, Any]]:
     """At most `count` points by a method, without counts and path, and what is known of the choice.
+
+    select: the method of that name, if it is not that of the table
 
     Raises SettingsError, UnknownNameError, MissingExtraError.
     """
@@ -27,7 +31,7 @@ def compressed(points: MapPoints, by: str, count: int, seed: int = 1) -> tuple[M
         raise SettingsError(f"the map has {len(points)} points: fewer than {FEWEST} are too few for localisation")
     if count < FEWEST:
         raise SettingsError(f"a map of fewer than {FEWEST} points is too small for localisation", "keep")
-    found = method(by)(points, min(count, len(points)), seed)
+    found = (select or method(by))(points, min(count, len(points)), seed)
     return bare(found.points), {"by": by, "points": len(found.points), **found.about}
 
 
@@ -36,7 +40,9 @@ def bare(points: MapPoints) -> MapPoints:
     return replace(points.with_columns("normal_a", "normal_b"), path=np.empty((0, 3), np.float32))
 
 
-def fitted(points: MapPoints, by: str, size: int, seed: int = 1) -> tuple[MapPoints, dict[str, Any]]:
+def fitted(
+    points: MapPoints, by: str, size: int, seed: int = 1, select: Select | None = None
+) -> tuple[MapPoints, dict[str, Any]]:
     """As `compressed`, with as many points as a file of `size` bytes holds, to about one percent.
 
     Raises SettingsError if even 100 points do not fit.
@@ -45,7 +51,7 @@ def fitted(points: MapPoints, by: str, size: int, seed: int = 1) -> tuple[MapPoi
     best: tuple[MapPoints, dict[str, Any]] | None = None
     low, high = FEWEST, len(points) + 1
     for _ in range(_TRIES):
-        made, about = compressed(points, by, count, seed)
+        made, about = compressed(points, by, count, seed, select)
         bytes_ = file_bytes(made)
         if bytes_ <= size:
             low = max(low, count)

@@ -20,6 +20,7 @@ from lidarcodec.commands.publish.config import read as read_config
 from lidarcodec.entropy.varint import put_varint
 from lidarcodec.evaluation.trajectory import Trajectory
 from lidarcodec.maps.file import HEAD, HEAD_BYTES, MAGIC, read_map
+from lidarcodec.maps.select.point_net import read_point_net
 from lidarcodec.network.weight_file import read_weights
 from lidarcodec.sensors import read_calibration
 from lidarcodec.sources import open_source
@@ -308,6 +309,7 @@ BOMBS = {
         lambda f: text(f, "a.lcrw", b"LCRW\x01" + struct.pack("<I", 2**31) + b"[" * (4 * MIB)),
         read_weights,
     ),
+    "weights, arrays": ("weights", lambda f: npz(f, (MIB,), 8 * MIB, "about"), read_point_net),
     "map, many points": ("map", many_points, read_map),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
     "config, no end": ("config", endless, read_config),

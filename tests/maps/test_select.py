@@ -44,8 +44,8 @@ def test_maps_without_counts_or_of_too_few_points_are_refused():
         compressed(TOWN, "greedy", 20)
     with pytest.raises(SettingsError, match="fits into 150 bytes"):
         fitted(TOWN, "random", 150)
-    with pytest.raises(UnknownNameError, match="learned"):
-        compressed(TOWN, "learned", 500)
+    with pytest.raises(UnknownNameError, match="lerned"):
+        compressed(TOWN, "lerned", 500)
     wrong = replace(TOWN, path=TOWN.path[:3])
     with pytest.raises(SettingsError, match="places that it does not have"):
         compressed(wrong, "greedy", 500)

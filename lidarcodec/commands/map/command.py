@@ -111,9 +111,14 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, random, voxel (means of larger cells), or paper (an integer programme, extra `maps`).",
+            help="greedy, random, voxel (means of larger cells), paper (an integer programme, extra `maps`), or "
+            "learned (a network).",
         ),
     ] = "greedy",
+    weights: Annotated[
+        Path | None,
+        Option("--weights", metavar="FILE.npz", help="Of learned: weights that `train map-points` wrote."),
+    ] = None,
     normals: Annotated[bool, Option("--normals/--no-normals", help="Whether to keep normals.")] = True,
     seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of random choices.")] = 1,
     force: Force = False,
@@ -122,7 +127,7 @@ def compress(
     """Keep some of the points of a map, so that localisation still works."""
     from lidarcodec.commands.map.compress import Asked, run
 
-    run(Asked(source, out, keep, size, by, normals, seed), force, as_json)
+    run(Asked(source, out, keep, size, by, weights, normals, seed), force, as_json)
 
 
 @app.command()

@@ -9,6 +9,7 @@ from typing import Any
 from lidarcodec.commands.map.build import check_map_name
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.commands.selection.numbers import shares_of
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import whole
@@ -27,6 +28,7 @@ class Asked:
     keep: str | None
     size: int | None
     by: str
+    weights: Path | None
     normals: bool
     seed: int
 
@@ -34,17 +36,7 @@ class Asked:
         """Shares of the points to keep, 0 to 1; empty for `--bytes`. Raises SettingsError."""
         if (self.keep is None) == (self.size is None):
             raise SettingsError("give either --keep, such as 5%, or --bytes N", "keep")
-        shares = []
-        for part in (self.keep or "").split(",") if self.keep is not None else ():
-            text = part.strip()
-            try:
-                share = float(text.removesuffix("%")) / 100
-            except ValueError:
-                share = 0.0
-            if not (text.endswith("%") and 0 < share <= 1):
-                raise SettingsError(f"--keep {self.keep}: write shares as in 20%,5%", "keep")
-            shares.append(share)
-        return shares
+        return [] if self.keep is None else shares_of("--keep", self.keep)
 
     def outputs(self, shares: list[float]) -> list[Path]:
         """The names of the maps to write: with several shares, OUT-20.lcmap for 20 %."""
@@ -56,7 +48,7 @@ class Asked:
 def run(asked: Asked, force: bool, as_json: bool) -> None:
     """Write the maps, and print a line for each."""
     shares = asked.shares()
-    method(asked.by)
+    select = method(asked.by, asked.weights)
     outputs = asked.outputs(shares)
     if len(set(outputs)) < len(outputs):
         raise SettingsError(f"--keep {asked.keep}: two shares are alike", "keep")
@@ -71,9 +63,9 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
         for out, share in zip(outputs, shares or (None,), strict=True):
             if share is None:
                 assert asked.size is not None
-                made, about = fitted(points, asked.by, asked.size, asked.seed)
+                made, about = fitted(points, asked.by, asked.size, asked.seed, select)
             else:
-                made, about = compressed(points, asked.by, int(share * len(points)), asked.seed)
+                made, about = compressed(points, asked.by, int(share * len(points)), asked.seed, select)
             found.append({"output": str(out), "bytes": _written(made, out, force), "of": len(points), **about})
             tick()
     tell(found, "\n".join(map(_line, found)), as_json)
@@ -81,8 +73,12 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
 
 def _line(one: dict[str, Any]) -> str:
     own = {name: value for name, value in one.items() if name not in ("output", "bytes", "of", "by", "points")}
-    more = "".join(f", {name} {value:g}" for name, value in own.items())
+    more = "".join(f", {name.replace('_', ' ')} {_text(value)}" for name, value in own.items())
     return f"{one['output']}: {one['points']:,} of {one['of']:,} points by {one['by']}, {one['bytes']:,} bytes{more}"
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _written(points: MapPoints, out: Path, force: bool) -> int:

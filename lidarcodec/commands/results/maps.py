@@ -32,10 +32,21 @@ MapCompressed = TypedDict(
         "b": NotRequired[Annotated[float, "of paper: points that each place should see"]],
         "lambda": NotRequired[Annotated[float, "of paper: price of a point that a place lacks"]],
         "gap": NotRequired[Annotated[float, "of paper: by what share the value lies above a bound below all choices"]],
+        "trained_on": NotRequired[Annotated[str, "of learned: training data of the weights"]],
         "seconds": NotRequired[Annotated[float, "of paper: time of the solver and of rounding"]],
     },
 )
 MapCompressed.__doc__ = "A map of `map compress`."
+
+
+class TrainedMapPoints(TypedDict):
+    """Of `train map-points`."""
+
+    outputs: Annotated[list[str], "the checkpoint and the weights"]
+    epochs: Annotated[int, "epochs done"]
+    seconds: Annotated[float, "time spent on training, over all runs"]
+    tests: Annotated[dict[str, float], "by map: share of the programme's points in the other half that are kept, too"]
+    log: Annotated[list[dict[str, Any]], "of each epoch: its number, and the loss on the halves learnt and held out"]
 
 
 class MapInfo(TypedDict):

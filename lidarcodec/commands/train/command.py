@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from lidarcodec.commands.train import poconet, riddle
+from lidarcodec.commands.train import map_points, poconet, riddle
 
 app = typer.Typer(
     help="Train networks on your own drives (extra `learned`).", no_args_is_help=True, rich_markup_mode=None
@@ -14,3 +14,4 @@ app = typer.Typer(
 app.command()(riddle.riddle)
 app.command()(poconet.poconet)
 app.command()(poconet.scores)
+app.command()(map_points.map_points)
