@@ -10,11 +10,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
+gc.disable()  # until the tests are collected: nearly all that comes until then stays to the end
+
 
 def pytest_collection_finish() -> None:
     """Leave the thousands of tests out of every garbage collection: a twelfth of the processor time goes there."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def data_folder() -> Path:

@@ -12,6 +12,8 @@ from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import Calibration, SensorModel
 
 UPPER, LOWER = 0xEEFF, 0xDDFF
+RETURN = np.dtype([("distance", "<u2"), ("intensity", "u1")])
+BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("returns", RETURN, 32)])
 
 
 def sensor() -> SensorModel:
@@ -23,13 +25,12 @@ def payload(
     blocks: list[tuple[int, int]], rng: np.random.Generator, gps_us: int = 0, status: bytes = b"H\x00"
 ) -> bytes:
     """A payload of twelve (flag, azimuth) blocks with random returns, a fifth of them empty."""
-    out = bytearray()
-    for flag, azimuth in blocks:
-        returns = np.zeros(32, np.dtype([("distance", "<u2"), ("intensity", "u1")]))
-        returns["distance"] = rng.integers(1, 65536, 32) * (rng.random(32) > 0.2)
-        returns["intensity"] = rng.integers(0, 256, 32)
-        out += struct.pack("<HH", flag, azimuth) + returns.tobytes()
-    return bytes(out + struct.pack("<I", gps_us) + status)
+    found = np.zeros(len(blocks), BLOCK)
+    found["flag"], found["azimuth"] = np.array(blocks).T
+    returns, size = found["returns"], (len(blocks), 32)
+    returns["distance"] = rng.integers(1, 65536, size) * (rng.random(size) > 0.2)
+    returns["intensity"] = rng.integers(0, 256, size)
+    return found.tobytes() + struct.pack("<I", gps_us) + status
 
 
 def turning(count: int, seed: int = 1, start: int = 0) -> list[Packet]:

@@ -217,9 +217,9 @@ def payloads(path):
 
 def test_what_was_encoded_comes_back_byte_for_byte_and_verify_says_so(tmp_path):
     capture, recording, back = tmp_path / "drive.pcap", tmp_path / "drive.mcap", tmp_path / "back.pcap"
-    assert run("simulate", "sim:city?seed=3", capture, "--frames", 3).returncode == 0
+    assert run_here("simulate", "sim:city?seed=3", capture, "--frames", 3).returncode == 0
     assert run("encode", capture, recording).returncode == 0
-    assert run("decode", recording, back).returncode == 0
+    assert run_here("decode", recording, back).returncode == 0
     assert payloads(back) == payloads(capture)
     found = json.loads(run("verify", recording, capture, "--json").stdout)
     assert (found["packets_identical"], found["max_error_m"], found["lost"]) == (True, 0, 0)
@@ -268,7 +268,7 @@ def test_info_explains_a_recording_and_each_message(tmp_path):
     assert run_here("encode", "sim:city?frames=2", recording).returncode == 0
     found = json.loads(run_here("info", recording, "--json").stdout)
     assert found["messages"] == 2
-    dump = run("info", recording, "--message", 1)
+    dump = run_here("info", recording, "--message", 1)
     assert dump.returncode == 0
     assert "checksum" in dump.stdout
     assert "as computed" in dump.stdout

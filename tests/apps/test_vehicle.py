@@ -19,7 +19,7 @@ from lidarcodec.errors import SettingsError, SourceError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.apps.streams import Loop
-from tests.command_line import run, start, the_one_line
+from tests.command_line import run, run_here, start, the_one_line
 from tests.conftest import ROOT
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
@@ -149,7 +149,7 @@ def test_the_command_publishes_every_sensor_of_a_file_and_says_which_failed(tmp_
         f"vehicle: car\nconnect: [tcp/127.0.0.1:{port}]\nsensors:\n"
         f"  - {{name: roof, source: 'sim:road?frames=8', rate: 20, {keep}}}\n  - {{name: lost, source: gone.pcap}}\n"
     )
-    assert "cannot be combined with --config" in the_one_line(run("publish", "sim:road", "--config", file))
+    assert "cannot be combined with --config" in the_one_line(run_here("publish", "sim:road", "--config", file))
     publisher = start("publish", "--config", file)  # nobody listens: it records all the same, and waits
     assert eventually(lambda: list(tmp_path.glob("kept/*.mcap")), 60)
     publisher.terminate()
@@ -159,7 +159,7 @@ def test_the_command_publishes_every_sensor_of_a_file_and_says_which_failed(tmp_
     file.write_text(
         "vehicle: car\nsensors:\n  - {name: roof, source: 'sim:road?frames=8', rate: max, settings: {x: 1}}"
     )
-    assert "sensors.0.settings: " in the_one_line(run("publish", "--config", file))
+    assert "sensors.0.settings: " in the_one_line(run_here("publish", "--config", file))
     file.write_text(
         "sensors:\n  - {name: roof, source: 'sim:road?frames=3', rate: 20}\n  - {name: lost, source: gone}\n"
     )

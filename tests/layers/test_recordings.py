@@ -19,7 +19,7 @@ from lidarcodec.recording.layout import REFINE_ENCODING
 from lidarcodec.recording.refinements import Refinements
 from lidarcodec.sources import open_source
 from lidarcodec.wire import pack
-from tests.command_line import run
+from tests.command_line import run, run_here
 from tests.layers.bases import sent
 
 SOURCE = "sim:city?frames=3&seed=4"
@@ -30,7 +30,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two layers of three turns."""
     out = tmp_path_factory.mktemp("layers") / "both.mcap"
     options = ["--codec", "pcodec", "--set", "base_error_m=0.05", "--set", "key_interval=1", "--json"]
-    told = json.loads(run("encode", SOURCE, str(out), *options).stdout)
+    told = json.loads(run_here("encode", SOURCE, str(out), *options).stdout)
     assert 0 < told["refinement_bytes"] < told["coded_bytes"]
     return out
 
@@ -99,7 +99,9 @@ def test_frames_that_are_not_refined_are_told_also_of_live_recordings(recording:
 
 
 def test_one_layer_has_no_layers(tmp_path: Path) -> None:
-    run("encode", SOURCE, str(tmp_path / "one.mcap"), "--codec", "pcodec", "--frames", "1", "--set", "max_error_m=0.05")
+    run_here(
+        "encode", SOURCE, str(tmp_path / "one.mcap"), "--codec", "pcodec", "--frames", "1", "--set", "max_error_m=0.05"
+    )
     recorded = RecordedFrames(tmp_path / "one.mcap")
     assert len(list(recorded)) == 1
     assert not recorded.layers
@@ -153,21 +155,21 @@ def test_writers_refuse_what_is_no_refinement() -> None:
 
 def test_refinements_that_come_after_the_next_frame_go_with_their_own(recording: Path, tmp_path: Path) -> None:
     late = without(recording, tmp_path / "late.mcap", lost=set(), frames=set())  # all behind the last message
-    run("cut", str(late), str(tmp_path / "part.mcap"), "--every", "0.1")
+    run_here("cut", str(late), str(tmp_path / "part.mcap"), "--every", "0.1")
     parts = sorted(tmp_path.glob("part-*.mcap"))
     assert len(parts) == 3
     for part in parts:
         assert verify(part, SOURCE, allow_part=True)["layers"] == {"whole": 1, "part": 0, "base": 0}
-    run("cut", str(late), str(tmp_path / "first.mcap"), "--frames", "1")
+    run_here("cut", str(late), str(tmp_path / "first.mcap"), "--frames", "1")
     assert verify(tmp_path / "first.mcap", SOURCE, allow_part=True)["packets_identical"]
-    told = json.loads(run("info", str(parts[0]), "--json").stdout)
+    told = json.loads(run_here("info", str(parts[0]), "--json").stdout)
     assert told["refinements"] == 12
     assert 0 < told["bytes of refinements"] < parts[0].stat().st_size
 
 
 def test_cut_and_join_keep_both_layers(recording: Path, tmp_path: Path) -> None:
     for name, more in (("one", ["--frames", "1"]), ("two", ["--skip", "1", "--frames", "1"])):
-        run("cut", str(recording), str(tmp_path / f"{name}.mcap"), *more)
+        run_here("cut", str(recording), str(tmp_path / f"{name}.mcap"), *more)
     assert RecordedFrames(tmp_path / "one.mcap").settings() == lidarcodec.StreamSettings(
         base_error_m=0.05, key_interval=1
     )

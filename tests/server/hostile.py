@@ -114,7 +114,7 @@ def attack(url: str, cases: int, number: int) -> Counter[int]:
     """
     seen: Counter[int] = Counter()
     session = requests.Session()
-    document = session.get(f"{url}/openapi.json", timeout=10).json()
+    document = session.get(f"{url}/openapi.json", timeout=60).json()
     schema = schemathesis.openapi.from_dict(document)
     operations = [found.ok() for found in schema.get_all_operations()]
     patch = next(one for one in operations if one.method == "patch")
@@ -171,8 +171,8 @@ def check_unharmed(url: str, vehicle: Publisher) -> None:
     answer = requests.patch(url + PATCH, json={"codec": "zstd", "max_error_m": None, "target_kbps": None}, timeout=30)
     assert answer.status_code == 200, answer.text
     assert vehicle.settings.codec == "zstd"
-    assert requests.get(f"{url}/readyz", timeout=10).json() == {"zenoh": True, "store": True}
-    assert "lidarcodec_stream_alive" in requests.get(f"{url}/metrics", timeout=10).text
+    assert requests.get(f"{url}/readyz", timeout=60).json() == {"zenoh": True, "store": True}
+    assert "lidarcodec_stream_alive" in requests.get(f"{url}/metrics", timeout=60).text
 
 
 if __name__ == "__main__":

@@ -291,7 +291,7 @@ def test_who_connects_too_often_costs_little_and_health_checks_are_answered(tmp_
         with flood(4, partial(hurry, port=server.port, begin=begin)):
             time.sleep(2.0)
             first_s, first = cpu_s(server.process.pid), hasty(server, token)
-            assert eventually(lambda: hasty(server, token) > first + 1000, 90)
+            assert eventually(lambda: hasty(server, token) > first + 300, 90)
             each_s = (cpu_s(server.process.pid) - first_s) / (hasty(server, token) - first)
             assert server.ask("/healthz")[0] == 200
         assert each_s < 0.0025, each_s

@@ -7,13 +7,14 @@ import json
 import shlex
 from itertools import pairwise
 
+import pytest
+
 from lidarcodec.codecs import table
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server import openapi, problems
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from tests.conftest import ROOT
-from tests.server import hostile
 from tests.server.conftest import until
 
 
@@ -94,7 +95,9 @@ async def test_every_codec_says_what_it_takes_and_reaches(serving):
     assert set(found) == set(table.names())
     for name, about in found.items():
         codec = table.codec(name)
-        assert set(about["settings_schema"].get("properties", {})) == set(codec.settings.model_fields)
+        its = about["settings_schema"].get("properties", {})
+        assert set(its) == set(codec.settings.model_fields)
+        assert all(one["description"] for one in its.values()), "a form that does not say what a field does"
         assert about["bound"] == codec.bounded
     low, high = found["pcodec"]["reach"]["range_kbps"]
     assert 0 < low < high < 40_000
@@ -107,11 +110,15 @@ async def test_the_document_names_every_setting_that_can_be_changed(serving):
     patch = document["paths"]["/api/v1/streams/{vehicle}/{sensor}/settings"]["patch"]
     schema = patch["requestBody"]["content"]["application/json"]["schema"]
     assert set(schema["properties"]) == set(StreamSettings.model_fields)
+    assert all(one["description"] for one in schema["properties"].values())
     assert schema["additionalProperties"] is False
 
 
+@pytest.mark.timeout(300)  # it computes all the time, and a busy machine takes its own
 def test_hostile_requests_get_answers_that_the_document_allows(tmp_path):
     """`make faults` asks a thousand; these few hold the way open."""
+    from tests.server import hostile  # the only one who needs schemathesis, which takes long to import
+
     with hostile.serving(tmp_path) as (url, vehicle):
         seen = hostile.attack(url, 20, 7)
         assert seen.total() >= 20

@@ -8,3 +8,6 @@ export function numbers(seed: number): (below: number) => number {
     return (state >>> 0) % below;
   };
 }
+
+/** How many damaged messages a test tries: a quarter, unless LIDARCODEC_EXAMPLES is `all`, as in `make sweeps`. */
+export const examples = (count: number): number => (process.env.LIDARCODEC_EXAMPLES === "all" ? count : count / 4);
