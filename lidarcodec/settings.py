@@ -8,14 +8,24 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import math
 import re
-from typing import Any, Final, Literal, TypedDict, Unpack
+import textwrap
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, Literal, TypedDict, Unpack
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
+
+if TYPE_CHECKING:
+    from pydantic import GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
 
 NAME_PATTERN = re.compile(r"\.{0,63}[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
 MAX_NAME = 64
@@ -64,10 +74,49 @@ class SettingChanges(TypedDict, total=False):
     follow: str | None
 
 
-class StreamSettings(BaseModel):
+class Described(BaseModel):
+    """A model whose JSON schema describes each field by the docstring below it.
+
+    The source is read when a schema is asked for. Pydantic's own option reads it at each start of the program.
+    """
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler(core_schema)
+        fields = handler.resolve_ref_schema(schema).get("properties", {})
+        for name, text in _docstrings(cls).items():
+            if name in fields:
+                fields[name].setdefault("description", text)
+        return schema
+
+
+@cache
+def _docstrings(model: type[BaseModel]) -> dict[str, str]:
+    """The docstring below each field, also of the classes that a model is made of. Without the source: none."""
+    found: dict[str, str] = {}
+    for part in reversed(model.__mro__):
+        if not issubclass(part, Described) or part is Described:
+            continue
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
+        except OSError:
+            continue
+        for field, text in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+                and isinstance(text.value.value, str)
+            ):
+                found[field.target.id] = inspect.cleandoc(text.value.value)
+    return found
+
+
+class StreamSettings(Described):
     """Settings common to all codecs. Frozen; unknown keys are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     codec: str = "pcodec"
     """The codec. A new codec starts with its own default settings. `auto`: the codec with the best picture at the

@@ -8,13 +8,13 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkabl
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ConfigDict, ValidationError
 
 from lidarcodec.codecs.rate_knob import RateKnob
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import Described, StreamSettings
 
 
 class Encoder(Protocol):
@@ -95,12 +95,10 @@ class Decoder(Protocol):
         """Frames that were held back."""
 
 
-class CodecSettings(BaseModel):
+class CodecSettings(Described):
     """Base of the models of codecs' own settings. Frozen; unknown keys, and `true` for a number, are refused."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
 
 Own = TypeVar("Own", bound=CodecSettings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Any
 
 from lidarcodec.commands.endpoints import Given, endpoints_of
@@ -14,6 +15,11 @@ def run(given: Given, as_json: bool = False, **values: Any) -> None:
     config = server_config(endpoints=endpoints_of(given), **values)
     # A server for other machines must first check for tokens, and that needs its database.
     listener = server_module("door.listening").begin(config) if config.loopback else None
-    server = server_module("serve")
+    gc.disable()  # while the server is imported: nothing of it can be freed, now or later
+    try:
+        server = server_module("serve")
+    finally:
+        gc.freeze()
+        gc.enable()
     if not stop_asked():
         server.run(config, listener, as_json=as_json)
