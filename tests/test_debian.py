@@ -36,6 +36,11 @@ def package(tmp_path_factory):
     return folder / "files"
 
 
+def test_the_version_is_that_of_what_is_in_it(package):
+    """apt upgrades by it."""
+    assert "\nVersion: 1.2.3\n" in (package / "DEBIAN" / "control").read_text()
+
+
 def test_the_command_does_not_know_where_it_was_built(package):
     home = package / "opt" / "lidarcodec"
     assert (home / "bin" / "lidarcodec").read_text() == "#!/opt/lidarcodec/bin/python3\n"
