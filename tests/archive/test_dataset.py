@@ -88,7 +88,12 @@ def test_frames_can_be_chosen_and_kept_in_order(made):
     assert Counter(map(stamp, archive.dataset(where="frame = 1"))) == Counter(
         map(stamp, archive.frames(where="frame = 1"))
     )
-    assert archive.dataset(where="frame = 1").digest != found.digest == archive.dataset(vehicle="car-8").digest
+    again = archive.dataset(vehicle="car-8", shuffle=False)
+    assert archive.dataset(where="frame = 1", shuffle=False).digest != found.digest == again.digest
+    shuffled = archive.dataset(vehicle="car-8", seed=1)
+    first = shuffled.digest
+    shuffled.set_epoch(1)
+    assert len({found.digest, first, shuffled.digest, archive.dataset(vehicle="car-8").digest}) == 4
 
 
 def test_the_ranks_are_those_of_torch_distributed(made):
@@ -97,10 +102,12 @@ def test_the_ranks_are_those_of_torch_distributed(made):
     from torch.testing._internal.distributed.fake_pg import FakeStore
 
     dataset, found = lidarcodec.open_archive(made).dataset(transform=stamp), Counter()
+    early = pickle.dumps(dataset)  # as torch.multiprocessing.spawn hands it to what will be ranks
     for rank in range(2):
         distributed.init_process_group("fake", store=FakeStore(), rank=rank, world_size=2)
         try:
             sent, here = pickle.dumps(dataset), list(dataset)
+            assert list(pickle.loads(early)) == here
         finally:
             distributed.destroy_process_group()
         assert list(pickle.loads(sent)) == here

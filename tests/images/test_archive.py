@@ -26,7 +26,7 @@ PINNED = re.compile(r"[\w./-]+:[\w.-]+@sha256:[0-9a-f]{64}")
 OURS = "lidarcodec-archive:1.0.0"
 OWNER = "./secrets/store.env"
 """Keys of the owner of the S3 server, which only the server has, and what makes the bucket."""
-KEYS = {"volume": [], "scheduler": [], "store": [OWNER], "bucket": [OWNER, "./secrets/archive.env"]}
+KEYS = {"volume": [], "scheduler": [], "store": [OWNER], "bucket": ["./secrets/archive.env", OWNER]}
 
 
 def documents():
