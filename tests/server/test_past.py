@@ -112,8 +112,29 @@ async def test_a_clip_is_played_as_a_stream_and_stopped_again(serving, keeping):
         assert (played.json()["vehicle"], played.json()["sensor"]) == (f"playback-{name}", "roof")
         assert (await client.post(f"{where}/play", json={})).status_code == 409
         assert (await client.get(where)).json()["playing"]["loop"] is True
+        assert (await client.delete(where)).status_code == 409, "it is read again at each loop"
         assert (await client.delete(f"/api/v1/recordings/{name}/play")).status_code == 204
         assert (await client.get(where)).json()["playing"] is None
+        assert (await client.delete(where)).status_code == 200
+
+
+async def test_a_clip_that_is_played_is_neither_deleted_nor_pushed_out(serving, keeping):
+    keeping()
+    async with serving(max_past_bytes=5 * 2**20) as client:
+        await seen(client)
+        where = (await client.get(PAST, params=span(0, 19))).headers["location"]
+        name = (await ended(client, where))["id"]
+        fetched = client.app.state.fetches
+        _, give_back = fetched.borrow(fetched.state(name)[0])  # as a player and a download do
+        refused = await client.delete(where)
+        assert (refused.status_code, refused.json()["type"]) == (409, "urn:lidarcodec:problem:busy")
+        other = (await client.get(PAST, params=span(20, 39))).headers["location"]
+        assert "does not fit" in (await ended(client, other))["reason"]
+        assert (await client.get(PAST, params=span(0, 19))).status_code == 200
+        give_back()
+        other = (await client.get(PAST, params=span(20, 39))).headers["location"]
+        assert (await ended(client, other))["state"] == "complete"
+        assert (await client.get(where)).status_code == 404, "it made room"
 
 
 async def test_what_is_here_is_told_without_what_the_vehicle_did_not_keep(serving, keeping):

@@ -12,6 +12,7 @@ import logging
 import re
 import secrets
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -145,27 +146,24 @@ class Clips:
             except (OSError, LidarCodecError) as error:
                 logger.warning("the clip of fetch %s cannot be read: %s", record.id, error)
 
-    def make_room(self, plans: list[Plan], done: list[Record]) -> list[Record]:
-        """Delete the oldest clips until there is room for plans, once as pieces and once as clips. Returns those that
-        were deleted.
+    def make_room(self, plans: list[Plan], done: list[Record], forget: Callable[[Record], bool]) -> None:
+        """Delete the oldest clips until there is room for plans, once as pieces and once as clips.
 
+        forget: asked before a clip is deleted; false if somebody reads it, so that it stays
         Raises SourceError if that is not enough.
         """
         needed = sum(2 * piece.size - self._here(piece) for plan in plans for piece in plan.there)
         total = sum(path.stat().st_size for path in self.store.folder.glob("*")) if self.store.folder.is_dir() else 0
         total += sum(record.size for record in done)
-        gone = []
         for record in sorted(done, key=lambda one: one.started_ns):
             if total + needed <= self.max_bytes:
                 break
-            if not record.stays:
+            if not record.stays and forget(record):
                 self.remove(record)
                 total -= record.size
-                gone.append(record)
                 logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
         if total + needed > self.max_bytes:
             raise SourceError(f"the clip does not fit: all clips together may take {self.max_bytes // 2**20} MiB")
-        return gone
 
     def _here(self, piece: Piece) -> int:
         """Bytes of a piece that are in the folder already."""

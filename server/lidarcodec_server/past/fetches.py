@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +42,10 @@ class NoFetchError(LidarCodecError):
     """There is no such fetch."""
 
 
+class BusyClipError(LidarCodecError):
+    """The clip is being played or downloaded."""
+
+
 class TooManyFetchesError(LidarCodecError):
     """Too many fetches wait already."""
 
@@ -66,6 +71,7 @@ class Fetches:
         self._jobs: dict[str, _Job] = {}
         self._ended: dict[str, Record] = {}
         self._spans: dict[str, list[tuple[int, int]]] = {}
+        self._read: Counter[str] = Counter()
         self._wake = threading.Condition()
         self._beginning, self._disk = threading.Lock(), threading.Lock()
         self._stopped = False
@@ -99,12 +105,32 @@ class Fetches:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
 
-    def clip(self, clip: Clip) -> Path | None:
-        """The file of a clip that is here; None if it is not."""
+    def here(self, clip: Clip) -> Record | None:
+        """The fetch that brought a clip that is here; None if it is not."""
         with self._wake:
             done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
-        found = [self._clips.clip_file(one) for one in reversed(done)]
-        return next((path for path in found if path.is_file()), None)
+        return next((one for one in reversed(done) if self._clips.clip_file(one).is_file()), None)
+
+    def borrow(self, record: Record) -> tuple[Path, Callable[[], None]]:
+        """The file of a clip, and what to call once when it is no longer read. Until then it is not deleted.
+
+        Raises NoFetchError if it is not here.
+        """
+        with self._wake:
+            found = self._ended.get(record.id)
+            if found is None or found.state != "complete":
+                raise NoFetchError("the clip is not here: fetch it first")
+            self._read[record.id] += 1
+        path = self._clips.clip_file(record)
+
+        def give_back() -> None:
+            with self._wake:
+                self._read -= Counter([record.id])
+
+        if not path.is_file():
+            give_back()
+            raise NoFetchError("the clip is not here any more: fetch it again")
+        return path, give_back
 
     def running(self, clip: Clip) -> Record | None:
         """The fetch of this very clip that is not over; None if there is none."""
@@ -150,7 +176,7 @@ class Fetches:
         return found
 
     def cancel(self, name: str) -> Record:
-        """End a fetch; if it is complete, delete its clip. Raises NoFetchError, SourceError."""
+        """End a fetch; if it is complete, delete its clip. Raises NoFetchError, BusyClipError, SourceError."""
         with self._wake:
             job, ended = self._jobs.get(name), self._ended.get(name)
             if job is not None:
@@ -163,8 +189,8 @@ class Fetches:
             return job.record if job.running else self._end(job, "cancelled", None)
         if ended is None:
             raise NoFetchError(f"there is no fetch {name[:64]}")
-        with self._wake:
-            self._ended.pop(name, None)
+        if not self._forget(ended):
+            raise BusyClipError(f"the clip of fetch {name} is being played or downloaded: stop that first")
         self._clips.remove(ended)
         return replace(ended, state="cancelled")
 
@@ -260,10 +286,16 @@ class Fetches:
                 done = [record for record in self._ended.values() if record.state == "complete"]
                 plans = [job.fetch.plan for job in self._jobs.values() if job.running]
             self._clips.take_from_clips(plan, done)
-            gone = self._clips.make_room([plan, *(one for one in plans if one is not plan and one.listed)], done)
+            others = [one for one in plans if one is not plan and one.listed]
+            self._clips.make_room([plan, *others], done, self._forget)
+
+    def _forget(self, record: Record) -> bool:
+        """Forget a fetch that is over, unless its clip is being read. Returns whether it may be deleted now."""
         with self._wake:
-            for record in gone:
-                self._ended.pop(record.id, None)
+            if self._read[record.id]:
+                return False
+            self._ended.pop(record.id, None)
+            return True
 
     def _assemble(self, job: _Job, plan: Plan) -> int:
         path = self._clips.clip_file(job.record)

@@ -26,7 +26,7 @@ from lidarcodec_server.fleet.control import AwayError, RefusedError
 from lidarcodec_server.live.download import MEDIA_TYPE, Download
 from lidarcodec_server.operations import Operation, begun, operates
 from lidarcodec_server.past.clips import Record, State
-from lidarcodec_server.past.fetches import Fetches, NoFetchError, TooManyFetchesError
+from lidarcodec_server.past.fetches import BusyClipError, Fetches, NoFetchError, TooManyFetchesError
 from lidarcodec_server.past.marked import MAX_ANSWER
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream, time_of
@@ -38,6 +38,7 @@ router = APIRouter(prefix="/api/v1", tags=["past"])
 
 NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, fetch or mark."}}
 FULL: dict[int | str, dict[str, Any]] = {507: {"description": "The folder of clips is full or cannot be written."}}
+READ: dict[int | str, dict[str, Any]] = {409: {"description": "Its clip is being played or downloaded."}}
 Id = Annotated[str, Path(max_length=64, examples=["20261126T120000Z-3fa2c9"])]
 Time = Annotated[str, Query(max_length=64, description="RFC 3339, or nanoseconds since 1970.")]
 MarkName = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME, examples=["crash-1"])]
@@ -165,16 +166,9 @@ def past(
     check_quality(quality)
     known_stream(service, keys)
     clip = Clip(keys, *span_of(begin, end, now_ns=time.time_ns()))
-    path = fetches.clip(clip)
-    if path is not None:
-        give_back = downloads.take(client.name)
-        try:
-            return Download(path, _file_name(clip), give_back)
-        except OSError:
-            give_back()
-            raise ProblemError(
-                404, "the clip was deleted a moment ago: ask again to fetch it", "unknown-fetch"
-            ) from None
+    here = fetches.here(clip)
+    if here is not None:
+        return _download(fetches, here, downloads.take(client.name))
     record = fetches.running(clip)
     if record is None:
         operation = begun(request, "fetch")
@@ -220,7 +214,7 @@ def set_mark(
         _told(_ask(service, keys.past_mark, question), keys)
     answer = MarkAnswer(name=mark, from_ns=wanted.from_ns, to_ns=wanted.to_ns, reason=wanted.reason, by=wanted.by)
     if body.fetch:
-        kept = None if fetches.clip(clip) is None else fetches.keep(clip)
+        kept = None if fetches.here(clip) is None else fetches.keep(clip)
         answer.fetch = FetchAnswer.of(kept or _begin(fetches, clip, operation.client.name, stays=True))
     return answer
 
@@ -264,26 +258,28 @@ async def play(
     operation.about = {"fetch": id[:64]}
     wanted = checked(body)
     record, _ = _state(fetches, id)
-    path = await run_in_threadpool(fetches.clip, record.clip)
-    if record.state != "complete" or path is None:
-        raise ProblemError(404, "the clip is not here: fetch it first", "unknown-fetch")
 
     async def borrow() -> tuple[FilePath, Callable[[], None]]:
-        return path, lambda: None
+        return await run_in_threadpool(fetches.borrow, record)
 
-    with recording_problems():
-        request = play_request(service, operation, wanted, id, record.clip.keys.sensor)
-        return PlayingAnswer.of(await recordings.play_file(id, request, borrow))
+    try:
+        with recording_problems():
+            request = play_request(service, operation, wanted, id, record.clip.keys.sensor)
+            return PlayingAnswer.of(await recordings.play_file(id, request, borrow))
+    except NoFetchError as error:
+        raise ProblemError(404, str(error), "unknown-fetch") from None
 
 
-@router.delete("/fetches/{id}", responses={**NO_SUCH, **FULL})
+@router.delete("/fetches/{id}", responses={**NO_SUCH, **READ, **FULL})
 def cancel(fetches: TheFetches, id: Id, operation: Annotated[Operation, operates("fetch-cancel")]) -> FetchAnswer:
-    """Cancel a fetch. If it is complete, delete its clip."""
+    """Cancel a fetch. If it is complete, delete its clip, unless that is being played or downloaded."""
     operation.about = {"fetch": id[:64]}
     try:
         record = fetches.cancel(id)
     except NoFetchError as error:
         raise ProblemError(404, str(error), "unknown-fetch") from None
+    except BusyClipError as error:
+        raise ProblemError(409, str(error), "busy") from None
     operation.keys = record.clip.keys
     return FetchAnswer.of(record)
 
@@ -294,6 +290,25 @@ def _state(fetches: Fetches, name: str) -> tuple[Record, dict[str, Any] | None]:
         return fetches.state(name)
     except NoFetchError as error:
         raise ProblemError(404, str(error), "unknown-fetch") from None
+
+
+def _download(fetches: Fetches, record: Record, ended: Callable[[], object]) -> Download:
+    """The clip of a fetch. ended: called once, also if this raises ProblemError 404"""
+    try:
+        path, give_back = fetches.borrow(record)
+    except NoFetchError as error:
+        ended()
+        raise ProblemError(404, str(error), "unknown-fetch") from None
+
+    def over() -> None:
+        give_back()
+        ended()
+
+    try:
+        return Download(path, _file_name(record.clip), over)
+    except BaseException:
+        over()
+        raise
 
 
 def _begin(fetches: Fetches, clip: Clip, by: str, *, stays: bool = False) -> Record:
