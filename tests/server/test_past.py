@@ -9,11 +9,13 @@ import time
 import pytest
 
 from lidarcodec.apps.past.keeper import Keep
+from lidarcodec.apps.past.plan import Clip
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.marks import Mark
 from lidarcodec.wire import peek
 from lidarcodec_server.past import fetches, marked
+from lidarcodec_server.past.clips import MAX_GAPS, Clips, Record, few
 from lidarcodec_server.tokens import create_token
 from tests.apps.past.kept_drive import KEYS, SMALL, big, kept, ring
 from tests.apps.streams import START_NS, Loop
@@ -215,6 +217,38 @@ async def test_what_cannot_be_fetched_is_a_problem(serving, vehicle, query, fiel
         assert answer.json()["field"] == field
         assert (await client.get("/api/v1/streams/car-7/other/past", params=span(0, 5))).status_code == 404
         assert (await client.get(f"{FETCHES}/../secret")).status_code in (404, 422)
+
+
+async def test_a_clip_says_what_the_vehicle_did_not_keep_of_it_also_after_a_restart(serving, keeping, config):
+    keeping()
+    asked = {"from": str(START_NS - 18 * 10**9), "to": span(0, 19)["to"]}
+    gap = [int(asked["from"]), START_NS]
+    async with serving() as client:
+        await seen(client)
+        where = (await client.get(PAST, params=asked)).headers["location"]
+        told = await ended(client, where)
+        assert (told["state"], told["gaps"]) == ("complete", [gap])
+        assert (await client.get(f"{PAST}/spans")).json()["here"] == [[START_NS, int(asked["to"])]]
+    async with serving() as client:
+        assert (await client.get(where)).json()["gaps"] == [gap]
+    about = config.past / told["id"] / "about.json"
+    stored = json.loads(about.read_text())
+    for change in ({"gaps": [[5, 7]]}, {"gaps": "all"}):
+        about.write_text(json.dumps(stored | change))
+        assert not Clips(config.past, 1).records(), "damaged"
+    del stored["gaps"]  # of an earlier version
+    about.write_text(json.dumps(stored))
+    assert [list(one) for one in Clips(config.past, 1).records()[0].gaps] == [gap]
+
+
+def test_a_clip_with_many_gaps_never_says_that_it_has_more_than_it_has():
+    clip = Clip(KEYS, 0, 1000)
+    some = Record("x", clip, "complete", "me", 0, gaps=few([(0, 10), (20, 30), (900, 1000)]))
+    assert some.spans() == [(10, 20), (30, 900)]
+    many = Record("x", clip, "complete", "me", 0, gaps=few([(4 * at, 4 * at + 2) for at in range(200)]))
+    assert len(many.gaps) == MAX_GAPS
+    assert all(4 * at + 1 not in range(*one) for one in many.spans() for at in range(200))
+    assert many.spans()[-1] == (798, 1000)
 
 
 async def test_a_vehicle_that_kept_nothing_of_it_is_told(serving, keeping):

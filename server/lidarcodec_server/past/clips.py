@@ -33,6 +33,8 @@ State = Literal["running", "complete", "failed", "cancelled"]
 ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
 MAX_ABOUT: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
+MAX_GAPS: Final = 64
+"""Most gaps that are told of a clip."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Record:
     """A fetch. Times are in ns since the Unix epoch; ended_ns is None while it runs. size: bytes of its clip
 
     reason: why it failed;  by: who asked for it;  stays: whether its clip is not deleted to make room
+    gaps:   spans that its clip lacks, in order of time, because the vehicle did not keep them
     """
 
     id: str
@@ -51,6 +54,15 @@ class Record:
     reason: str | None = None
     size: int = 0
     stays: bool = False
+    gaps: tuple[tuple[int, int], ...] = ()
+
+    def spans(self) -> list[tuple[int, int]]:
+        """What its clip has: its span without the gaps."""
+        at, found = self.clip.from_ns, []
+        for begin, end in self.gaps:
+            found.append((at, begin))
+            at = end
+        return [(begin, end) for begin, end in (*found, (at, self.clip.to_ns)) if begin < end]
 
     def about(self) -> dict[str, Any]:
         """The content of its `about.json`."""
@@ -68,6 +80,7 @@ class Record:
             "reason": self.reason,
             "size": self.size,
             "stays": self.stays,
+            "gaps": [list(gap) for gap in self.gaps],
         }
 
 
@@ -189,9 +202,35 @@ class Clips:
                 None if reason is None else str(reason),
                 size,
                 told["stays"] is True,
+                self._gaps(name, told, clip),
             )
-        except (OSError, JsonRefusedError, LidarCodecError, KeyError, TypeError):
+        except (OSError, JsonRefusedError, LidarCodecError, KeyError, TypeError, ValueError, OverflowError):
             return None
+
+    def _gaps(self, name: str, told: dict[str, Any], clip: Clip) -> tuple[tuple[int, int], ...]:
+        """Gaps as they are stored. A clip from before they were stored has a plan, which says the same.
+
+        Raises TypeError, ValueError.
+        """
+        if told["state"] != "complete":
+            return ()
+        if "gaps" not in told:
+            return few(Plan.read(self.folder / name / "plan.json", clip).gaps())
+        gaps = few([(int(begin), int(end)) for begin, end in told["gaps"]])
+        edges = [clip.from_ns, *(edge for gap in gaps for edge in gap), clip.to_ns]
+        if sorted(edges) != edges:
+            raise ValueError("gaps outside of the clip, or not in order")
+        return gaps
 
     def _unusable(self, error: OSError) -> SourceError:
         return SourceError(f"the folder of clips cannot be used: {error.strerror or error}")
+
+
+def few(gaps: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """Gaps, in order of time. From the 64th on they are one, so that never too little is said to be missing.
+
+    >>> few([(2 * at, 2 * at + 1) for at in range(100)])[-1]
+    (126, 199)
+    """
+    last = gaps[MAX_GAPS - 1 :]
+    return (*gaps[: MAX_GAPS - 1], *([(last[0][0], last[-1][1])] if last else []))

@@ -21,8 +21,7 @@ from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, told
 from lidarcodec.files.whole import written_whole
 from lidarcodec.transport import Transport
-from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.past.clips import Clips, Record
+from lidarcodec_server.past.clips import Clips, Record, few
 
 logger = logging.getLogger(__name__)
 
@@ -70,7 +69,6 @@ class Fetches:
         self._clips, self._transport = clips, transport
         self._jobs: dict[str, _Job] = {}
         self._ended: dict[str, Record] = {}
-        self._spans: dict[str, list[tuple[int, int]]] = {}
         self._read: Counter[str] = Counter()
         self._wake = threading.Condition()
         self._beginning, self._disk = threading.Lock(), threading.Lock()
@@ -104,123 +102,6 @@ class Fetches:
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
-
-    def here(self, clip: Clip) -> Record | None:
-        """The fetch that brought a clip that is here; None if it is not."""
-        with self._wake:
-            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
-        return next((one for one in reversed(done) if self._clips.clip_file(one).is_file()), None)
-
-    def borrow(self, record: Record) -> tuple[Path, Callable[[], None]]:
-        """The file of a clip, and what to call once when it is no longer read. Until then it is not deleted.
-
-        Raises NoFetchError if it is not here.
-        """
-        with self._wake:
-            found = self._ended.get(record.id)
-            if found is None or found.state != "complete":
-                raise NoFetchError("the clip is not here: fetch it first")
-            self._read[record.id] += 1
-        path = self._clips.clip_file(record)
-
-        def give_back() -> None:
-            with self._wake:
-                self._read -= Counter([record.id])
-
-        if not path.is_file():
-            give_back()
-            raise NoFetchError("the clip is not here any more: fetch it again")
-        return path, give_back
-
-    def running(self, clip: Clip) -> Record | None:
-        """The fetch of this very clip that is not over; None if there is none."""
-        with self._wake:
-            return next((job.record for job in self._jobs.values() if job.record.clip == clip), None)
-
-    def begin(self, clip: Clip, by: str, *, stays: bool = False) -> Record:
-        """Fetch a clip, unless it is being fetched already.
-
-        stays: whether the clip is not deleted to make room
-        Raises TooManyFetchesError, SourceError if the folder cannot be written.
-        """
-        with self._beginning:
-            found = self.running(clip)
-            if found is not None:
-                return (self.keep(clip) or found) if stays else found
-            if len(self._jobs) >= MAX_WAITING:
-                raise TooManyFetchesError(f"{MAX_WAITING} fetches are waiting, which is the limit: cancel one first")
-            record = self._clips.create(clip, by, time.time_ns(), stays=stays)
-            with self._wake:
-                self._jobs[record.id] = self._job(record)
-                self._wake.notify()
-        logger.info("%s: fetching %s for %s", clip.keys.prefix, record.id, by)
-        return record
-
-    def keep(self, clip: Clip) -> Record | None:
-        """Never delete a clip to make room, whether it is here or on its way. Returns its fetch, None if there is none.
-
-        Raises SourceError if that cannot be stored.
-        """
-        with self._wake:
-            job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
-            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
-            found = job.record if job is not None else done[-1] if done else None
-            if found is None or found.stays:
-                return found
-            found = replace(found, stays=True)
-            if job is not None:
-                job.record = found
-            else:
-                self._ended[found.id] = found
-        self._clips.write(found)
-        return found
-
-    def cancel(self, name: str) -> Record:
-        """End a fetch; if it is complete, delete its clip. Raises NoFetchError, BusyClipError, SourceError."""
-        with self._wake:
-            job, ended = self._jobs.get(name), self._ended.get(name)
-            if job is not None:
-                job.cancelled = True
-                job.fetch.cancel()
-                if not job.running:
-                    self._jobs.pop(name)
-                self._wake.notify_all()
-        if job is not None:
-            return job.record if job.running else self._end(job, "cancelled", None)
-        if ended is None:
-            raise NoFetchError(f"there is no fetch {name[:64]}")
-        if not self._forget(ended):
-            raise BusyClipError(f"the clip of fetch {name} is being played or downloaded: stop that first")
-        self._clips.remove(ended)
-        return replace(ended, state="cancelled")
-
-    def state(self, name: str) -> tuple[Record, dict[str, Any] | None]:
-        """A fetch, and its progress while it is not over. Raises NoFetchError."""
-        with self._wake:
-            job, ended = self._jobs.get(name), self._ended.get(name)
-        if job is not None:
-            return job.record, job.fetch.state()
-        if ended is None:
-            raise NoFetchError(f"there is no fetch {name[:64]}")
-        return ended, None
-
-    def all(self) -> list[Record]:
-        """Every fetch, newest first."""
-        with self._wake:
-            found = [*self._ended.values(), *(job.record for job in self._jobs.values())]
-        return sorted(found, key=lambda one: (one.started_ns, one.id), reverse=True)
-
-    def here(self, keys: StreamKeys) -> list[tuple[int, int]]:
-        """Spans of a stream that clips here have, oldest first: without what its vehicle did not keep."""
-        found = [one for one in self.all() if one.state == "complete" and one.clip.keys == keys]
-        for record in found:
-            if record.id not in self._spans:
-                plan = Plan.read(self._clips.plan_file(record), record.clip)
-                self._spans[record.id] = _without(record.clip, plan.gaps())
-        spans = [self._spans[record.id] for record in found]
-        known = {record.id for record in self.all()}
-        self._spans = {name: one for name, one in self._spans.items() if name in known}
-        return sorted(span for one in spans for span in one)
 
     # --- the threads ------------------------------------------------------------------------------------------------
 
@@ -263,7 +144,7 @@ class Fetches:
             plan = job.fetch.run(self._prepare)
             with self._disk:
                 size = self._assemble(job, plan)
-            self._end(job, "complete", None, size)
+            self._end(job, "complete", None, size, few(plan.gaps()))
         except CancelledError:
             if job.cancelled:
                 self._end(job, "cancelled", None)
@@ -305,8 +186,8 @@ class Fetches:
         except OSError as error:
             raise SourceError(f"the clip cannot be written: {error.strerror or error}") from None
 
-    def _end(self, job: _Job, state: Any, reason: str | None, size: int = 0) -> Record:
-        record = replace(job.record, state=state, reason=reason, size=size, ended_ns=time.time_ns())
+    def _end(self, job: _Job, state: Any, reason: str | None, size: int = 0, gaps: Any = ()) -> Record:
+        record = replace(job.record, state=state, reason=reason, size=size, gaps=gaps, ended_ns=time.time_ns())
         with self._wake:
             self._jobs.pop(record.id, None)
             self._ended[record.id] = record
@@ -325,10 +206,3 @@ class Fetches:
             self._clips.remove(one)
         logger.info("%s: fetch %s: %s", record.clip.keys.prefix, record.id, reason or state)
         return record
-
-
-def _without(clip: Clip, gaps: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """What is left of a clip without its gaps, in ns."""
-    ends = [clip.from_ns, *(end for _, end in gaps)]
-    begins = [*(begin for begin, _ in gaps), clip.to_ns]
-    return [(begin, end) for begin, end in zip(ends, begins, strict=True) if end > begin]

@@ -74,6 +74,7 @@ class FetchAnswer(BaseModel):
     reason: str | None = Field(description="Why it failed.")
     size_bytes: int = Field(description="Of the clip, once it is complete.")
     clip: str | None = Field(description="Path of the clip, once it is complete.")
+    gaps: list[tuple[int, int]] = Field(description="Of a complete clip: spans in ns that the vehicle did not keep.")
     playing: PlayingAnswer | None = Field(default=None, description="The playback of its clip; null without one.")
     progress: ProgressAnswer | None = Field(description="Null when it is over.")
 
@@ -97,6 +98,7 @@ class FetchAnswer(BaseModel):
             reason=record.reason,
             size_bytes=record.size,
             clip=here if record.state == "complete" else None,
+            gaps=list(record.gaps),
             playing=None if playing is None else PlayingAnswer.of(playing),
             progress=None if progress is None else ProgressAnswer(**progress),
         )
@@ -187,12 +189,13 @@ def spans(service: TheService, fetches: TheFetches, keys: TheStream, client: Vie
     known_stream(service, keys)
     with service.limits.look(("past", keys)) as may:
         told = _ask(service, keys.past, {"ask": "spans"}) if may else None
+    done = [one for one in fetches.all() if one.state == "complete" and one.clip.keys == keys]
     try:
         vehicle = None if told is None else [(int(begin), int(end)) for begin, end in told["spans"]][:64]
         marks = [] if told is None else [MarkAnswer(**mark) for mark in told["marks"]][:256]
     except (KeyError, TypeError, ValueError):
         vehicle, marks = None, []
-    return KeptAnswer(vehicle=vehicle, here=fetches.here(keys)[-64:], marks=marks)
+    return KeptAnswer(vehicle=vehicle, here=sorted(span for one in done for span in one.spans())[-64:], marks=marks)
 
 
 @router.put("/streams/{vehicle}/{sensor}/marks/{mark}", responses={**NO_SUCH, **FULL})

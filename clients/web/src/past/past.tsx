@@ -8,7 +8,7 @@ import { Download } from "../parts/download";
 import { useNow } from "../parts/now";
 import { call, choose, mayChange, nameOf, pathOf, refreshFleet, stream } from "../state";
 import "./past.css";
-import { type Clip, clipText, type Kept, lastOf, percentOf, recorded, stateText } from "./spans";
+import { type Clip, clipText, type Kept, lastOf, partsOf, percentOf, recorded, stateText } from "./spans";
 import { TimeLine } from "./timeline";
 
 const KEPT_MS = 5000;
@@ -129,7 +129,7 @@ export function Past({ name }: { name: string }) {
         endMs={now}
         vehicle={kept.value?.vehicle ?? null}
         here={kept.value?.here ?? []}
-        coming={running.map((one) => [one.from_ns, one.to_ns])}
+        coming={running.flatMap(partsOf)}
         recorded={recorded(recordings.value, vehicle, sensor, now)}
       />
       <ul aria-label="Clips of this stream, newest first">

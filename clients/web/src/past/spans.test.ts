@@ -1,12 +1,23 @@
 import { expect, test } from "vitest";
 import type { Recording } from "../model/wire";
-import { barsOf, type Clip, lastOf, percentOf, recorded, rowText, secondsOf, stateText } from "./spans";
+import {
+  barsOf,
+  type Clip,
+  lastOf,
+  partsOf,
+  percentOf,
+  recorded,
+  rowText,
+  type Span,
+  secondsOf,
+  stateText,
+} from "./spans";
 
 const SECOND = 1e9;
 const at = (seconds: number) => 1_700_000_000 * SECOND + seconds * SECOND;
 
 function clip(changes: Partial<Clip>): Clip {
-  const span = { from_ns: at(0), to_ns: at(30), clip: null, playing: null };
+  const span = { from_ns: at(0), to_ns: at(30), clip: null, gaps: [], playing: null };
   return {
     id: "20261126T120000Z-3fa2c9",
     vehicle: "car-7",
@@ -23,11 +34,17 @@ function clip(changes: Partial<Clip>): Clip {
 
 test("the last seconds end with the newest frame that the vehicle keeps, by its own clock", () => {
   const kept = {
-    vehicle: [[at(-50), at(-40)] as [number, number], [at(-30), at(7)] as [number, number]],
+    vehicle: [[at(-50), at(-40)] as Span, [at(-30), at(7)] as Span],
     here: [],
     marks: [],
   };
   expect(lastOf(kept, 30)).toEqual({ from: "1699999977000000000", to: "1700000007000000000" });
+  const parked: Span[] = [
+    [at(-5), at(7)],
+    [at(-50), at(-40)],
+  ];
+  expect(lastOf({ ...kept, vehicle: parked }, 30)).toEqual({ from: "1699999995000000000", to: "1700000007000000000" });
+  expect(lastOf({ ...kept, vehicle: [[at(7), at(7)]] }, 30)?.from).toBe("1700000006999000000");
   expect(lastOf(kept, 300)?.from).toBe("1699999950000000000");
   expect(lastOf({ ...kept, vehicle: null }, 30)).toBeNull();
   expect(lastOf(null, 30)).toBeNull();
@@ -65,6 +82,22 @@ test("a recording that was interrupted has no known end, and is not shown as if 
   expect(secondsOf(recorded([{ ...one, state: "recording" }], "car-7", "roof", now))).toBe(10);
   expect(recorded([{ ...one, state: "interrupted" }], "car-7", "roof", now)).toEqual([]);
   expect(recorded([{ ...one, state: "recording" }], "car-7", "front", now)).toEqual([]);
+});
+
+test("a clip of which the vehicle kept a part only does not claim the rest", () => {
+  const gaps: Span[] = [
+    [at(0), at(10)],
+    [at(12), at(20)],
+  ];
+  const one = clip({ state: "complete", size_bytes: 8_000_000, gaps });
+  expect(partsOf(one)).toEqual([
+    [at(10), at(12)],
+    [at(20), at(30)],
+  ]);
+  expect(stateText(one)).toBe("12.0 of 30.0 s are here, exactly: 8.0 MB. The vehicle did not keep the rest.");
+  expect(stateText({ ...one, gaps: [] })).toBe("Here, exactly: 8.0 MB.");
+  const progress = { listed: true, bytes: 1, bytes_done: 0, gaps: [[at(0), at(18)] as Span], waiting: null };
+  expect(partsOf(clip({ progress }))).toEqual([[at(18), at(30)]]);
 });
 
 test("a fetch says how far it is, what it waits for, and why it failed", () => {

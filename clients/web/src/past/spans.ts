@@ -31,6 +31,8 @@ export interface Clip {
   reason: string | null;
   size_bytes: number;
   clip: string | null;
+  /** What it lacks, once it is complete, because the vehicle did not keep it. */
+  gaps: Span[];
   playing: Playing | null;
   progress: Progress | null;
 }
@@ -45,13 +47,14 @@ const MS = 1e6;
 /** Bars are at least so wide, in per cent, so that short clips are seen on a long line. */
 const LEAST = 0.4;
 
-/** The last seconds that a vehicle keeps, as `from` and `to` of a request. null: it keeps nothing that is known. */
+/** The last seconds that a vehicle keeps without a gap, as `from` and `to` of a request. null: it keeps nothing that is known. */
 export function lastOf(kept: Kept | null, seconds: number): { from: string; to: string } | null {
-  const ends = (kept?.vehicle ?? []).map(([, end]) => end);
-  if (ends.length === 0) return null;
-  const endMs = Math.ceil(Math.max(...ends) / MS);
-  const firstMs = Math.floor(Math.min(...(kept?.vehicle ?? []).map(([begin]) => begin)) / MS);
-  return { from: `${Math.max(endMs - 1000 * seconds, firstMs)}000000`, to: `${endMs}000000` };
+  const [first, ...rest] = kept?.vehicle ?? [];
+  if (first === undefined) return null;
+  const [begin, end] = rest.reduce((last, one) => (one[1] > last[1] ? one : last), first);
+  const endMs = Math.ceil(end / MS);
+  const beginMs = Math.min(Math.max(Math.floor(begin / MS), endMs - 1000 * seconds), endMs - 1);
+  return { from: `${beginMs}000000`, to: `${endMs}000000` };
 }
 
 /** Spans on a line that begins and ends at these times in ms. What is outside is left out. */
@@ -87,6 +90,17 @@ export function secondsOf(spans: Span[]): number {
   return total / 1e9;
 }
 
+/** The parts of a clip that the vehicle kept, as far as that is known. */
+export function partsOf(one: Clip): Span[] {
+  const parts: Span[] = [];
+  let at = one.from_ns;
+  for (const [begin, end] of one.progress?.gaps ?? one.gaps) {
+    if (begin > at) parts.push([at, begin]);
+    at = end;
+  }
+  return one.to_ns > at ? [...parts, [at, one.to_ns]] : parts;
+}
+
 /** A row of the time line in words. */
 export function rowText(spans: Span[]): string {
   const first = Math.min(...spans.map(([from]) => from));
@@ -111,7 +125,11 @@ export function percentOf(progress: Progress | null): number | null {
 
 /** The state of a clip in a sentence. */
 export function stateText(one: Clip): string {
-  if (one.state === "complete") return `Here, exactly: ${bytes(one.size_bytes)}.`;
+  if (one.state === "complete") {
+    if (one.gaps.length === 0) return `Here, exactly: ${bytes(one.size_bytes)}.`;
+    const [has, of] = [secondsOf(partsOf(one)), (one.to_ns - one.from_ns) / 1e9];
+    return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle did not keep the rest.`;
+  }
   if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was told"}`;
   if (one.state === "cancelled") return "Cancelled.";
   const percent = percentOf(one.progress);
