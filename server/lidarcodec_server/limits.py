@@ -18,7 +18,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from lidarcodec.errors import LidarCodecError
 
@@ -88,6 +88,29 @@ class SparseLog:
         self._logger.warning(message + (f" ({left_out} earlier warnings were omitted)" if left_out else ""), *values)
 
 
+class Looks:
+    """Places for questions to vehicles. Thread-safe. most: places for all streams; each stream has one"""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._lock = threading.Lock()
+        self._looking: set[Hashable] = set()
+
+    @contextmanager
+    def look(self, stream: Hashable) -> Iterator[bool]:
+        """Whether to ask a vehicle now. If so, its place is taken until the end of the block."""
+        with self._lock:
+            may = stream not in self._looking and len(self._looking) < self._most
+            if may:
+                self._looking.add(stream)
+        try:
+            yield may
+        finally:
+            if may:
+                with self._lock:
+                    self._looking.discard(stream)
+
+
 class Limits:
     """Counts the requests of clients. Thread-safe.
 
@@ -100,7 +123,8 @@ class Limits:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._running: Counter[str] = Counter()
         self._changing: Counter[Hashable] = Counter()
-        self._looking: set[Hashable] = set()
+        self.look: Final = Looks(LOOKS).look
+        """Whether to ask a vehicle for its settings now."""
 
     def change(self, client: str) -> None:
         """A client changes something.
@@ -138,20 +162,6 @@ class Limits:
             with self._lock:
                 _one_less(self._running, client)
                 _one_less(self._changing, stream)
-
-    @contextmanager
-    def look(self, stream: Hashable) -> Iterator[bool]:
-        """Whether to ask a vehicle for its settings now: at most one request for each stream does, and few of all."""
-        with self._lock:
-            may = stream not in self._looking and len(self._looking) < LOOKS
-            if may:
-                self._looking.add(stream)
-        try:
-            yield may
-        finally:
-            if may:
-                with self._lock:
-                    self._looking.discard(stream)
 
 
 def _one_less(counter: Counter[Key], key: Key) -> None:

@@ -7,9 +7,13 @@ import threading
 import time
 from contextlib import contextmanager
 
+import pytest
+
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server import limits
 from lidarcodec_server.limits import Limits, TooManyError
+from lidarcodec_server.past.spans import Spans
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.server.conftest import STREAM, until
@@ -105,3 +109,53 @@ def test_a_vehicle_is_asked_once_at_a_time_and_few_are_at_once():
     looks[0].__exit__(None, None, None)
     with shared.look(0) as may:
         assert may
+
+
+def test_pages_of_vehicles_that_are_away_keep_nobody_from_hearing_what_others_keep():
+    network, asked, answer = MemoryNetwork(), threading.Event(), threading.Event()
+    there, away, gone = (StreamKeys(name, "roof") for name in ("there", "away", "gone"))
+
+    def late(data):
+        asked.set()
+        answer.wait(20)
+        return told(data)
+
+    def told(data):
+        return b'{"spans": [[5, 9]], "marks": []}'
+
+    with network.transport() as cars, network.transport() as office:
+        cars.answer(there.past, told)
+        cars.answer(away.past, late)
+        cars.answer(gone.past, told)
+        spans = Spans(lambda: office, 20.0)
+        page = threading.Thread(target=spans.told, args=(away,), kwargs={"alive": False})
+        page.start()
+        assert asked.wait(20)
+        assert spans.told(away, alive=False) is None, "one question at a time"
+        assert spans.told(gone, alive=False) is None, "the place of those that are away is taken"
+        assert spans.told(there, alive=True).spans == [(5, 9)]
+        answer.set()
+        page.join()
+        assert spans.told(gone, alive=False).spans == [(5, 9)], "its sensor may have failed only"
+
+
+NONSENSE = [
+    b"{",
+    b'{"spans": 7, "marks": []}',
+    b'{"spans": [[9, 5]], "marks": []}',
+    b'{"spans": [[1e99, 5]], "marks": []}',
+    b'{"spans": [], "marks": [{"name": "/", "from_ns": 0, "to_ns": 1, "reason": "", "by": ""}]}',
+]
+
+
+@pytest.mark.parametrize("bad", NONSENSE)
+def test_nonsense_from_a_vehicle_does_not_replace_what_it_told(bad):
+    network, car = MemoryNetwork(), StreamKeys("car-7", "roof")
+    answers = [b'{"spans": [[5, 9]], "marks": []}', bad]
+    with network.transport() as cars, network.transport() as office:
+        cars.answer(car.past, lambda data: answers.pop(0))
+        spans = Spans(lambda: office, 20.0)
+        first = spans.told(car, alive=True)
+        assert first is not None
+        assert spans.told(car, alive=True) is first
+        assert not answers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import time
@@ -270,6 +271,63 @@ async def test_clips_beyond_the_limit_push_out_the_oldest_and_never_exceed_it(se
         assert [one["from_ns"] for one in (await client.get(FETCHES)).json()] == [int(span(20, 39)["from"])]
         where = (await client.get(PAST, params=span(0, 55))).headers["location"]
         assert "does not fit" in (await ended(client, where))["reason"]
+
+
+async def test_a_client_gets_the_newest_fetches_of_its_stream_and_not_those_of_the_whole_fleet(serving, keeping):
+    car = keeping()
+    async with serving() as client:
+        await seen(client)
+        names = []
+        for first in (0, 10, 20):
+            where = (await client.get(PAST, params=span(first, first + 5))).headers["location"]
+            names.append((await ended(client, where))["id"])
+        car.stop()
+        old = (await client.get(PAST, params=span(30, 35))).json()["id"]
+        cancelled = (await client.get(PAST, params=span(40, 45))).json()["id"]
+        await client.delete(f"{FETCHES}/{cancelled}")
+
+        async def ids(**query):
+            return {one["id"] for one in (await client.get(FETCHES, params=query)).json()}
+
+        await until(lambda: states(client, cancelled))
+        mine = {"vehicle": "car-7", "sensor": "roof", "state": ["running", "complete", "failed"]}
+        assert await ids(**mine) == {*names, old}
+        assert await ids(**mine, limit=1) == {names[2], old}, "what runs is always told"
+        assert await ids(**mine | {"sensor": "front"}) == set()
+        assert await ids(vehicle="car-8") == set()
+        assert (await client.get(FETCHES, params={"state": "lost"})).status_code == 422
+
+
+async def states(client, name):
+    """Whether a fetch was cancelled."""
+    return (await client.get(f"{FETCHES}/{name}")).json()["state"] == "cancelled"
+
+
+async def test_a_clip_that_is_here_can_be_told_without_its_bytes(serving, keeping):
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        begun = await client.get(PAST, params=span(0, 9) | {"as": "fetch"})
+        assert begun.status_code == 202
+        await ended(client, begun.headers["location"])
+        told = await client.get(PAST, params=span(0, 9) | {"as": "fetch"})
+        assert (told.status_code, told.json()["id"], told.json()["state"]) == (200, begun.json()["id"], "complete")
+
+
+async def test_old_knowledge_of_a_vehicle_has_its_age_and_pages_of_vehicles_that_are_away_take_no_place_of_settings(
+    serving, keeping
+):
+    car = keeping()
+    async with serving() as client:
+        await seen(client)
+        first = (await client.get(f"{PAST}/spans")).json()
+        assert first["vehicle"][0][0] == START_NS
+        assert first["age_s"] < 10
+        car.stop()
+        await asyncio.sleep(0.1)
+        last = (await client.get(f"{PAST}/spans")).json()
+        assert last["vehicle"] == first["vehicle"]
+        assert last["age_s"] >= first["age_s"] + 0.1
 
 
 async def test_marks_are_set_told_fetched_and_released(serving, keeping, tmp_path):

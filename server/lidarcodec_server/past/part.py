@@ -12,16 +12,18 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.past.clips import Clips
 from lidarcodec_server.past.fetches import Fetches
 from lidarcodec_server.past.marked import Marked
+from lidarcodec_server.past.spans import Spans
 from lidarcodec_server.service import Service
 
 
 @asynccontextmanager
 async def past(app: FastAPI) -> AsyncIterator[None]:
-    """The fetches of an app, in `app.state`."""
+    """The fetches of an app, and what its vehicles keep, in `app.state`."""
     config: ServerConfig = app.state.config
     service: Service = app.state.service
     fetches = Fetches(Clips(config.past, config.max_past_bytes), lambda: service.transport)
     app.state.fetches = fetches
+    app.state.spans = Spans(lambda: service.transport, config.answer_s)
     await run_in_threadpool(fetches.start)
     marked = Marked(service.fleet, fetches, lambda: service.transport, config.answer_s)
     marked.start()

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path as FilePath
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, Literal, cast
 
 from fastapi import APIRouter, Body, Depends, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -28,6 +28,7 @@ from lidarcodec_server.operations import Operation, begun, operates
 from lidarcodec_server.past.clips import Record, State
 from lidarcodec_server.past.fetches import BusyClipError, Fetches, NoFetchError, TooManyFetchesError
 from lidarcodec_server.past.marked import MAX_ANSWER
+from lidarcodec_server.past.spans import Spans
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream, time_of
 from lidarcodec_server.routes.live import TheDownloads, TheRecordings
@@ -129,7 +130,10 @@ class MarkAnswer(BaseModel):
 class KeptAnswer(BaseModel):
     """What a vehicle keeps, and what is here. Spans are begin and end in ns since the Unix epoch."""
 
-    vehicle: list[tuple[int, int]] | None = Field(description="Null if it does not answer, or keeps nothing.")
+    vehicle: list[tuple[int, int]] | None = Field(
+        description="As the vehicle told it last; null if it never did since the server started."
+    )
+    age_s: float | None = Field(description="How long ago the vehicle told that.")
     here: list[tuple[int, int]]
     marks: list[MarkAnswer]
 
@@ -137,6 +141,11 @@ class KeptAnswer(BaseModel):
 def fetches_of(connection: HTTPConnection) -> Fetches:
     """The fetches of the app."""
     return cast(Fetches, connection.app.state.fetches)
+
+
+def spans_of(connection: HTTPConnection) -> Spans:
+    """What vehicles of the app keep."""
+    return cast(Spans, connection.app.state.spans)
 
 
 TheFetches = Annotated[Fetches, Depends(fetches_of)]
@@ -157,11 +166,15 @@ def past(
     service: TheService,
     fetches: TheFetches,
     downloads: TheDownloads,
+    recordings: TheRecordings,
     keys: TheStream,
     client: Viewer,
     begin: Annotated[Time, Query(alias="from")],
     end: Annotated[Time, Query(alias="to")],
     quality: Annotated[str, Query(max_length=16, description="Only `exact`.")] = "exact",
+    wanted: Annotated[
+        Literal["clip", "fetch"], Query(alias="as", description="`fetch`: of a clip that is here, tell its fetch only.")
+    ] = "clip",
 ) -> Response:
     """A clip of what a vehicle kept, exactly. If it is not here yet, it is fetched in the background; only operators
     may begin that. The same request joins a fetch that runs."""
@@ -169,6 +182,9 @@ def past(
     known_stream(service, keys)
     clip = Clip(keys, *span_of(begin, end, now_ns=time.time_ns()))
     here = fetches.here(clip)
+    if here is not None and wanted == "fetch":
+        told = FetchAnswer.of(here, None, recordings.playing(here.id))
+        return Response(told.model_dump_json(), media_type="application/json")
     if here is not None:
         return _download(fetches, here, downloads.take(client.name))
     record = fetches.running(clip)
@@ -184,18 +200,27 @@ def past(
 
 
 @router.get("/streams/{vehicle}/{sensor}/past/spans", responses=NO_SUCH)
-def spans(service: TheService, fetches: TheFetches, keys: TheStream, client: Viewer) -> KeptAnswer:
-    """Which times the vehicle keeps, which are here, and what is marked."""
-    known_stream(service, keys)
-    with service.limits.look(("past", keys)) as may:
-        told = _ask(service, keys.past, {"ask": "spans"}) if may else None
+def spans(
+    service: TheService,
+    fetches: TheFetches,
+    asked: Annotated[Spans, Depends(spans_of)],
+    keys: TheStream,
+    client: Viewer,
+) -> KeptAnswer:
+    """Which times the vehicle keeps, which are here, and what is marked. The server asks the vehicle. If many clients
+    ask, or the vehicle does not answer, the answer has what it told last."""
+    told = asked.told(keys, alive=known_stream(service, keys).alive)
     done = [one for one in fetches.all() if one.state == "complete" and one.clip.keys == keys]
-    try:
-        vehicle = None if told is None else [(int(begin), int(end)) for begin, end in told["spans"]][:64]
-        marks = [] if told is None else [MarkAnswer(**mark) for mark in told["marks"]][:256]
-    except (KeyError, TypeError, ValueError):
-        vehicle, marks = None, []
-    return KeptAnswer(vehicle=vehicle, here=sorted(span for one in done for span in one.spans())[-64:], marks=marks)
+    marks = [] if told is None else told.marks
+    return KeptAnswer(
+        vehicle=None if told is None else told.spans,
+        age_s=None if told is None else round(time.monotonic() - told.at_s, 3),
+        here=sorted(span for one in done for span in one.spans())[-64:],
+        marks=[
+            MarkAnswer(name=one.name, from_ns=one.from_ns, to_ns=one.to_ns, reason=one.reason, by=one.by)
+            for one in marks
+        ],
+    )
 
 
 @router.put("/streams/{vehicle}/{sensor}/marks/{mark}", responses={**NO_SUCH, **FULL})
@@ -236,9 +261,29 @@ def release_mark(
 
 
 @router.get("/fetches", responses=FULL)
-def all_fetches(fetches: TheFetches, recordings: TheRecordings, client: Viewer) -> list[FetchAnswer]:
-    """All fetches, newest first, without their progress."""
-    return [FetchAnswer.of(record, None, recordings.playing(record.id)) for record in fetches.all()]
+def all_fetches(
+    fetches: TheFetches,
+    recordings: TheRecordings,
+    client: Viewer,
+    vehicle: Annotated[str | None, Query(max_length=MAX_NAME, description="Only those of this vehicle.")] = None,
+    sensor: Annotated[str | None, Query(max_length=MAX_NAME, description="Only those of this sensor.")] = None,
+    state: Annotated[list[State] | None, Query(max_length=4, description="Only those in these states.")] = None,
+    limit: Annotated[
+        int | None, Query(ge=0, le=10_000, description="Most that are over. Those that run are listed anyway.")
+    ] = None,
+) -> list[FetchAnswer]:
+    """Fetches, newest first, without their progress."""
+    found = [
+        one
+        for one in fetches.all()
+        if vehicle in (None, one.clip.keys.vehicle)
+        and sensor in (None, one.clip.keys.sensor)
+        and (state is None or one.state in state)
+    ]
+    if limit is not None:
+        over = {one.id for one in [one for one in found if one.state != "running"][limit:]}
+        found = [one for one in found if one.id not in over]
+    return [FetchAnswer.of(one, None, recordings.playing(one.id)) for one in found]
 
 
 @router.get("/fetches/{id}", responses=NO_SUCH)

@@ -8,14 +8,29 @@ import { Download } from "../parts/download";
 import { useNow } from "../parts/now";
 import { call, choose, mayChange, nameOf, pathOf, refreshFleet, stream } from "../state";
 import "./past.css";
-import { type Clip, clipText, type Kept, lastOf, partsOf, percentOf, recorded, stateText } from "./spans";
+import {
+  asOf,
+  type Clip,
+  clipText,
+  type Kept,
+  lastOf,
+  obstacle,
+  partsOf,
+  percentOf,
+  recorded,
+  stateText,
+  type Told,
+} from "./spans";
 import { TimeLine } from "./timeline";
 
 const KEPT_MS = 5000;
 const CLIPS_MS = 1000;
+/** Of a vehicle that keeps nothing, and of which nothing is here. */
+const NOTHING_MS = 30_000;
 const LAST_S = 30;
-/** Most clips in the list; the newest. */
+/** Most clips in the list that are over, the newest, and most whose progress is shown. */
 const SHOWN = 5;
+const STATES = "state=running&state=complete&state=failed";
 const LENGTHS = [
   [600, "10 minutes"],
   [3600, "hour"],
@@ -24,9 +39,9 @@ const LENGTHS = [
 
 /** What the vehicle of the chosen stream keeps, what is here of it, and fetching the last seconds exactly. */
 export function Past({ name }: { name: string }) {
-  const kept = useSignal<Kept | null>(null);
+  const told = useSignal<Told | null>(null);
   const clips = useSignal<Clip[]>([]);
-  const recordings = useSignal<Recording[]>([]);
+  const recordings = useSignal<Recording[] | null>(null);
   const problem = useSignal<string | null>(null);
   const busy = useSignal(false);
   const length = useSignal<number>(LENGTHS[0][0]);
@@ -38,31 +53,43 @@ export function Past({ name }: { name: string }) {
 
   async function askKept() {
     const { body } = await call<Kept>("GET", `${path}/past/spans`);
-    kept.value = { ...body, vehicle: body.vehicle ?? kept.value?.vehicle ?? null };
+    told.value = { kept: body, toldMs: body.age_s === null ? null : Date.now() - 1000 * body.age_s };
   }
 
   async function askClips() {
-    const all = (await call<Clip[]>("GET", "api/v1/fetches")).body;
-    const mine = all.filter((one) => one.vehicle === vehicle && one.sensor === sensor);
-    const shown = mine.filter((one) => one.state !== "cancelled").slice(0, SHOWN);
-    const running = shown.filter((one) => one.state === "running");
-    const told = await Promise.all(running.map((one) => call<Clip>("GET", `api/v1/fetches/${one.id}`)));
-    clips.value = shown.map((one) => told.find(({ body }) => body.id === one.id)?.body ?? one);
+    const whose = `vehicle=${encodeURIComponent(vehicle)}&sensor=${encodeURIComponent(sensor)}`;
+    const { body } = await call<Clip[]>("GET", `api/v1/fetches?${whose}&${STATES}&limit=${SHOWN}`);
+    const running = body.filter((one) => one.state === "running").slice(-SHOWN);
+    const now = await Promise.all(running.map((one) => call<Clip>("GET", `api/v1/fetches/${one.id}`)));
+    clips.value = body.map((one) => now.find((answer) => answer.body.id === one.id)?.body ?? one);
+  }
+
+  async function askRecordings() {
+    try {
+      recordings.value = (await call<Recording[]>("GET", "api/v1/recordings")).body;
+    } catch (error) {
+      recordings.value = null;
+      throw error;
+    }
+  }
+
+  function pause() {
+    if (clips.value.some((one) => one.state === "running")) return CLIPS_MS;
+    return keeps || clips.value.length > 0 ? KEPT_MS : NOTHING_MS;
   }
 
   useEffect(() => {
-    const clipsAsked = poll(() => (clips.value.some((one) => one.state === "running") ? CLIPS_MS : KEPT_MS), askClips);
+    const clipsAsked = poll(pause, askClips);
     asking.current = clipsAsked;
     return () => clipsAsked.stop();
-  }, [name]);
+  }, [name, keeps]);
 
   useEffect(() => {
     if (!keeps) return;
-    const spans = poll(KEPT_MS, async () => {
-      recordings.value = (await call<Recording[]>("GET", "api/v1/recordings")).body;
-      await askKept();
-    });
-    return () => spans.stop();
+    const asked = [poll(KEPT_MS, askKept), poll(KEPT_MS, askRecordings)];
+    return () => {
+      for (const one of asked) one.stop();
+    };
   }, [name, keeps]);
 
   async function act(what: () => Promise<unknown>) {
@@ -71,7 +98,7 @@ export function Past({ name }: { name: string }) {
     try {
       await what();
     } catch (error) {
-      problem.value = error instanceof Problem ? error.detail : String(error);
+      problem.value = error instanceof Problem ? error.detail : error instanceof Error ? error.message : String(error);
     } finally {
       busy.value = false;
       asking.current?.now();
@@ -80,11 +107,12 @@ export function Past({ name }: { name: string }) {
 
   async function fetchLast() {
     await askKept();
-    const last = lastOf(kept.value, LAST_S);
-    if (last === null) throw new Error("The vehicle does not answer: what it keeps is not known.");
-    const there = clips.value.some((one) => one.from_ns === Number(last.from) && one.to_ns === Number(last.to));
-    if (there) throw new Error("The vehicle has kept nothing newer than the newest clip.");
-    await call("GET", `${path}/past?from=${last.from}&to=${last.to}`);
+    const last = lastOf(told.value?.kept ?? null, LAST_S);
+    const why = obstacle(told.value, Date.now());
+    if (last === null || why !== null) throw new Error(why ?? "The vehicle has kept nothing yet.");
+    const { status, body } = await call<Clip>("GET", `${path}/past?from=${last.from}&to=${last.to}&as=fetch`);
+    if (status === 200 || clips.value.some((one) => one.id === body.id))
+      throw new Error("The vehicle has kept nothing newer than a clip that is here or on its way.");
   }
 
   async function play(one: Clip) {
@@ -127,10 +155,11 @@ export function Past({ name }: { name: string }) {
       <TimeLine
         beginMs={now - 1000 * length.value}
         endMs={now}
-        vehicle={kept.value?.vehicle ?? null}
-        here={kept.value?.here ?? []}
+        vehicle={told.value?.kept.vehicle ?? null}
+        asOf={asOf(told.value, now)}
+        here={told.value?.kept.here ?? null}
         coming={running.flatMap(partsOf)}
-        recorded={recorded(recordings.value, vehicle, sensor, now)}
+        recorded={recordings.value === null ? null : recorded(recordings.value, vehicle, sensor, now)}
       />
       <ul aria-label="Clips of this stream, newest first">
         {clips.value.map((one) => (

@@ -1,9 +1,11 @@
 import { expect, test } from "vitest";
 import type { Recording } from "../model/wire";
 import {
+  asOf,
   barsOf,
   type Clip,
   lastOf,
+  obstacle,
   partsOf,
   percentOf,
   recorded,
@@ -35,6 +37,7 @@ function clip(changes: Partial<Clip>): Clip {
 test("the last seconds end with the newest frame that the vehicle keeps, by its own clock", () => {
   const kept = {
     vehicle: [[at(-50), at(-40)] as Span, [at(-30), at(7)] as Span],
+    age_s: 0,
     here: [],
     marks: [],
   };
@@ -48,6 +51,17 @@ test("the last seconds end with the newest frame that the vehicle keeps, by its 
   expect(lastOf(kept, 300)?.from).toBe("1699999950000000000");
   expect(lastOf({ ...kept, vehicle: null }, 30)).toBeNull();
   expect(lastOf(null, 30)).toBeNull();
+});
+
+test("what a vehicle told a while ago is shown with its time, and is not fetched as the last seconds", () => {
+  const told = { kept: { vehicle: [[at(0), at(60)] as Span], age_s: 0, here: [], marks: [] }, toldMs: 1_000_000 };
+  expect([asOf(told, 1_010_000), obstacle(told, 1_010_000)]).toEqual(["", null]);
+  expect(asOf(told, 1_030_000)).toMatch(/^ as of .*\d\d:\d\d:\d\d$/);
+  expect(obstacle(told, 1_030_000)).toBeNull();
+  expect(obstacle(told, 1_700_000)).toMatch(/^The vehicle does not answer: what it keeps is known as of .* only\.$/);
+  expect(obstacle({ ...told, toldMs: null }, 1_010_000)).toContain("not known");
+  expect(obstacle(null, 1_010_000)).toContain("not known");
+  expect(asOf(null, 1_010_000)).toBe("");
 });
 
 test("a time line shows what is inside it, and short clips can be seen", () => {
@@ -94,7 +108,7 @@ test("a clip of which the vehicle kept a part only does not claim the rest", () 
     [at(10), at(12)],
     [at(20), at(30)],
   ]);
-  expect(stateText(one)).toBe("12.0 of 30.0 s are here, exactly: 8.0 MB. The vehicle did not keep the rest.");
+  expect(stateText(one)).toBe("12.0 of 30.0 s are here, exactly: 8.0 MB. The vehicle has nothing of the rest.");
   expect(stateText({ ...one, gaps: [] })).toBe("Here, exactly: 8.0 MB.");
   const progress = { listed: true, bytes: 1, bytes_done: 0, gaps: [[at(0), at(18)] as Span], waiting: null };
   expect(partsOf(clip({ progress }))).toEqual([[at(18), at(30)]]);

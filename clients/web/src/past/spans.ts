@@ -6,8 +6,10 @@ import type { Playing, Recording } from "../model/wire";
 export type Span = [number, number];
 
 export interface Kept {
-  /** null: the vehicle does not answer, or keeps nothing. */
+  /** As the vehicle told it last; null: the server does not know. */
   vehicle: Span[] | null;
+  /** How long ago it told that. */
+  age_s: number | null;
   here: Span[];
   marks: { name: string; from_ns: number; to_ns: number; reason: string }[];
 }
@@ -31,7 +33,7 @@ export interface Clip {
   reason: string | null;
   size_bytes: number;
   clip: string | null;
-  /** What it lacks, once it is complete, because the vehicle did not keep it. */
+  /** What it lacks, once it is complete, because the vehicle has nothing of it. */
   gaps: Span[];
   playing: Playing | null;
   progress: Progress | null;
@@ -43,7 +45,17 @@ export interface Bar {
   width: number;
 }
 
+/** What is kept, and when the vehicle told that, in ms of this browser's clock; null: never. */
+export interface Told {
+  kept: Kept;
+  toldMs: number | null;
+}
+
 const MS = 1e6;
+/** The vehicle is asked every few seconds; what is older than this is said to be old. */
+const OLD_MS = 20_000;
+/** On older knowledge nothing is fetched as "the last seconds". */
+const TOO_OLD_MS = 60_000;
 /** Bars are at least so wide, in per cent, so that short clips are seen on a long line. */
 const LEAST = 0.4;
 
@@ -55,6 +67,21 @@ export function lastOf(kept: Kept | null, seconds: number): { from: string; to: 
   const endMs = Math.ceil(end / MS);
   const beginMs = Math.min(Math.max(Math.floor(begin / MS), endMs - 1000 * seconds), endMs - 1);
   return { from: `${beginMs}000000`, to: `${endMs}000000` };
+}
+
+/** ` as of 12:00:05` for old knowledge of what the vehicle keeps; empty if it is fresh, or there is none. */
+export function asOf(told: Told | null, nowMs: number): string {
+  if (told === null || told.toldMs === null || nowMs - told.toldMs <= OLD_MS) return "";
+  return ` as of ${moment(new Date(told.toldMs).toISOString())}`;
+}
+
+/** Why the last seconds cannot be fetched now; null if they can. */
+export function obstacle(told: Told | null, nowMs: number): string | null {
+  if (told === null || told.toldMs === null || told.kept.vehicle === null)
+    return "The vehicle does not answer: what it keeps is not known.";
+  if (told.kept.vehicle.length === 0) return "The vehicle has kept nothing yet.";
+  if (nowMs - told.toldMs <= TOO_OLD_MS) return null;
+  return `The vehicle does not answer: what it keeps is known${asOf(told, nowMs)} only.`;
 }
 
 /** Spans on a line that begins and ends at these times in ms. What is outside is left out. */
@@ -128,7 +155,7 @@ export function stateText(one: Clip): string {
   if (one.state === "complete") {
     if (one.gaps.length === 0) return `Here, exactly: ${bytes(one.size_bytes)}.`;
     const [has, of] = [secondsOf(partsOf(one)), (one.to_ns - one.from_ns) / 1e9];
-    return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle did not keep the rest.`;
+    return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle has nothing of the rest.`;
   }
   if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was told"}`;
   if (one.state === "cancelled") return "Cancelled.";

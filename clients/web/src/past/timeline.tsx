@@ -4,27 +4,30 @@ import { type Bar, barsOf, rowText, type Span } from "./spans";
 interface Props {
   beginMs: number;
   endMs: number;
-  /** On the vehicle, exact; null if it does not answer. */
+  /** On the vehicle, exact; this and others are null if they are not known. */
   vehicle: Span[] | null;
+  /** How old that is, as text; empty if it is fresh. */
+  asOf: string;
   /** Here, exact. */
-  here: Span[];
+  here: Span[] | null;
   coming: Span[];
   /** Here, as the vehicle sent it live. */
-  recorded: Span[];
+  recorded: Span[] | null;
 }
 
 /** Which times are on the vehicle, and which are here in which quality. The same is said in words to readers of screens. */
-export function TimeLine({ beginMs, endMs, vehicle, here, coming, recorded }: Props) {
-  const bars = (spans: Span[]) => barsOf(spans, beginMs, endMs);
+export function TimeLine({ beginMs, endMs, vehicle, asOf, here, coming, recorded }: Props) {
+  const bars = (spans: Span[] | null) => barsOf(spans ?? [], beginMs, endMs);
+  const text = (spans: Span[] | null) => (spans === null ? "not known now" : rowText(spans));
   const asked = coming.length > 0 ? `; on its way: ${rowText(coming)}` : "";
   return (
     <dl class="timeline">
-      <dt>On the vehicle, exact</dt>
-      <Row look="exact" bars={bars(vehicle ?? [])} text={vehicle === null ? "not known now" : rowText(vehicle)} />
+      <dt>On the vehicle, exact{asOf}</dt>
+      <Row look={asOf === "" ? "exact" : "exact old"} bars={bars(vehicle)} text={text(vehicle)} />
       <dt>Here, exact</dt>
-      <Row look="exact" bars={bars(here)} coming={bars(coming)} text={rowText(here) + asked} />
+      <Row look="exact" bars={bars(here)} coming={bars(coming)} text={text(here) + asked} />
       <dt>Here, as it was sent</dt>
-      <Row look="sent" bars={bars(recorded)} text={rowText(recorded)} />
+      <Row look="sent" bars={bars(recorded)} text={text(recorded)} />
       <dt aria-hidden="true" />
       <dd class="ends quiet" aria-hidden="true">
         <span>{moment(new Date(beginMs).toISOString())}</span>
