@@ -259,6 +259,9 @@ async def test_a_vehicle_that_kept_nothing_of_it_is_told(serving, keeping):
         where = (await client.get(PAST, params={"from": "1000", "to": "2000"})).headers["location"]
         told = await ended(client, where)
         assert (told["state"], told["reason"]) == ("failed", "the vehicle kept nothing of this clip")
+        again = await client.get(PAST, params={"from": "1000", "to": "2000", "as": "fetch"})
+        assert again.status_code == 202
+        assert again.json()["id"] != told["id"], "what failed can be tried again"
 
 
 async def test_clips_beyond_the_limit_push_out_the_oldest_and_never_exceed_it(serving, keeping):
