@@ -19,14 +19,26 @@ interface Props {
 export function TimeLine({ beginMs, endMs, vehicle, asOf, here, coming, recorded }: Props) {
   const bars = (spans: Span[] | null) => barsOf(spans ?? [], beginMs, endMs);
   const text = (spans: Span[] | null) => (spans === null ? "not known now" : rowText(spans));
+  /** An empty row would look as if there were nothing. */
+  const unknown = (spans: Span[] | null) => (spans === null ? ", not known now" : "");
   const asked = coming.length > 0 ? `; on its way: ${rowText(coming)}` : "";
   return (
     <dl class="timeline">
-      <dt>On the vehicle, exact{asOf}</dt>
+      <dt>
+        On the vehicle, exact
+        {unknown(vehicle)}
+        {asOf}
+      </dt>
       <Row look={asOf === "" ? "exact" : "exact old"} bars={bars(vehicle)} text={text(vehicle)} />
-      <dt>Here, exact</dt>
+      <dt>
+        Here, exact
+        {unknown(here)}
+      </dt>
       <Row look="exact" bars={bars(here)} coming={bars(coming)} text={text(here) + asked} />
-      <dt>Here, as it was sent</dt>
+      <dt>
+        Here, as it was sent
+        {unknown(recorded)}
+      </dt>
       <Row look="sent" bars={bars(recorded)} text={text(recorded)} />
       <dt aria-hidden="true" />
       <dd class="ends quiet" aria-hidden="true">
