@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from lidarcodec.apps.publisher.pacing import ALONE_EVERY, Pacing
 
 SIZE, SECTOR = 20_000, 5_000
@@ -96,8 +98,72 @@ def test_sectors_that_nobody_reports_are_sent_seldom():
         pacing.idle(now_s)
         if pacing.fits(now_s, SECTOR):
             pacing.sector(now_s, SECTOR)
-            pacing.sector_lost(now_s + 0.1, now_s, SECTOR)
+            pacing.sectors_lost(now_s + 0.1, now_s, SECTOR)
             sent += 1
         else:
             pacing.nothing_fitted()
     assert 1 <= sent <= 10
+
+
+def settled() -> Link:
+    link = Link()
+    for _ in range(50):
+        link.frame()
+    return link
+
+
+def frames_until_refined(link: Link) -> int:
+    """How many frames go without a sector before the next with one."""
+    for frames in range(300):
+        link.frame()
+        if link.sent[-1]:
+            return frames
+    raise AssertionError("never refined again")
+
+
+@pytest.mark.parametrize("away_s", [0.2, 60.0, 3600.0])
+@pytest.mark.parametrize("lost", [1, 5])
+def test_after_a_cut_frames_are_refined_again_soon(away_s, lost):
+    link = settled()
+    now_s = 0.1 * link._number - 0.01
+    link.pacing.sector(now_s, SECTOR)
+    link._number += round(10 * away_s)
+    link.pacing.message(0.1 * link._number, SIZE)
+    for _ in range(1 if away_s > 1.0 else lost):  # frames in a row
+        link.pacing.sectors_lost(0.1 * link._number, now_s, SECTOR)
+        link._number += 1
+    assert frames_until_refined(link) <= (1 if away_s > 1.0 else 20 if lost == 1 else 45)
+
+
+def test_a_pause_of_the_sensor_does_not_change_when_messages_are_due():
+    link = settled()
+    link._number += 600
+    for _ in range(4):
+        link.frame()
+    assert max(link.sent[-3:]) >= 3
+    assert not link.pacing.fits(0.1 * link._number - 0.005, SECTOR)
+
+
+def test_a_stream_of_few_messages_is_no_stream_of_pauses():
+    pacing = Pacing()
+    for number in range(3):
+        pacing.message(0.1 * number, SIZE)
+        pacing.message_took(SIZE * BYTE_S, SIZE, BYTE_S, beside=False)
+    for number in range(1, 6):
+        pacing.message(5.0 * number, SIZE)
+    assert pacing.fits(25.0 + 4.0, SECTOR)
+    assert not pacing.fits(25.0 + 4.995, SECTOR)
+    for number in range(4):  # and fast again
+        pacing.message(26.0 + 0.1 * number, SIZE)
+    assert pacing.fits(26.34, SECTOR)
+    assert not pacing.fits(26.395, SECTOR)
+
+
+def test_a_new_path_has_to_be_learned_and_messages_are_due_as_before():
+    link = settled()
+    now_s = 0.1 * link._number - 0.1
+    link.pacing.sector_took(now_s + 0.5, now_s, SECTOR, 0.0)
+    assert not link.pacing.fits(now_s + 0.02, SECTOR)
+    link.pacing.new_path()
+    assert link.pacing.fits(now_s + 0.02, SECTOR)
+    assert not link.pacing.fits(now_s + 0.1, SECTOR)

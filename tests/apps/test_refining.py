@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.pacing import ALONE_EVERY
 from lidarcodec.apps.publisher.refining import Refining
 from lidarcodec.apps.receiver.refinements import Refinements
 from lidarcodec.apps.reports import Refined, pack_refined
@@ -127,6 +129,52 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     assert eventually(lambda: len(came) == 3)
     assert refining.state()["arrived"] == 2
     refining.close()
+    refining.close()
+
+
+@pytest.mark.parametrize("tight", [0, ALONE_EVERY - 1], ids=["nothing fits", "nothing beside its message"])
+def test_the_last_frame_is_refined_also_if_nothing_was_sent_for_it_at_first(network, tight):
+    car, other, came = network.end(), network.end(), []
+    refining = Refining(KEYS, lambda: car, Flight(), logger_of())
+    reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
+
+    def report(key, data):
+        came.append(unpack(data).frame_index)
+        reports.put(pack_refined(Refined(came[-1], checksum_of(data), unpack(data).sector)))
+
+    other.listen(KEYS.refine(), report)
+    refining.offer(sent().refinable, 1)
+    assert eventually(lambda: refining.state()["arrived"] == 12)
+    refining.next_frame()
+    refining._pacing._s_per_byte, refining._pacing._tight = 1.0, tight  # a slow link
+    refining.offer(sent(turn(index=1)).refinable, 1)
+    assert eventually(lambda: refining.state()["frames"] == 2)
+    time.sleep(0.1)
+    assert came == [0] * 12
+    refining.finish(30.0)
+    assert came[12:] == [1] * 12
+    told = refining.state()
+    assert (told["whole"], told["given_up"], told["arrived"]) == (2, 0, 24)
+    refining.close()
+
+
+def test_what_one_receiver_showed_is_not_used_for_the_next(network):
+    flight, car = Flight(), network.end()
+    refining = Refining(KEYS, lambda: car, flight, logger_of())
+    flight.came("near")
+    refining.offer(sent().refinable, 1)
+    refining._pacing.sector_took(9.0, 0.0, 1000, 0.0)
+    refining.offer(sent(turn(index=1)).refinable, 1)
+    assert refining._pacing.s_per_byte > 0.0
+    flight.went("near")
+    refining.offer(sent(turn(index=2)).refinable, 1)
+    flight.came("near")  # it is back
+    refining.offer(sent(turn(index=3)).refinable, 1)
+    assert refining._pacing.s_per_byte > 0.0
+    flight.went("near")
+    flight.came("far")
+    refining.offer(sent(turn(index=4)).refinable, 1)
+    assert refining._pacing.s_per_byte == 0.0
     refining.close()
 
 

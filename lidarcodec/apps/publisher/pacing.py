@@ -34,19 +34,29 @@ _GROWS, _SHRINKS, _MOST = 1.5, 0.8, 4.0
 _MOST_LOST: Final = 5
 _FORGETS: Final = 0.95
 """What a slow sector said counts so much less with each further message: the path may be faster now."""
+_TRIED: Final = 0.5
+"""The same after ALONE_EVERY frames without a sector."""
 _SMOOTH, _SLOWER = 0.25, 0.75
+PAUSE_S: Final = 1.0
+"""So long a time between two messages, if it is not usual, is a pause of the sensor or a cut of the link."""
 
 
 class Pacing:
     """Times of one path, in seconds of a monotonic clock. Not thread-safe: `Refining` holds a lock."""
 
     def __init__(self) -> None:
-        self.free_s = float("-inf")
-        """When the link will be free, as predicted."""
         self._put_s: float | None = None
         self._interval_s: float | None = None
         self._jitter_s = 0.0  # mean deviation of the interval
+        self._paused = False
+        self._since_s = float("-inf")  # when the last pause ended
         self._size = 0
+        self.new_path()
+
+    def new_path(self) -> None:
+        """Another receiver is followed: forget what was learned of the path, but not when messages are due."""
+        self.free_s = float("-inf")
+        """When the link will be free, as predicted."""
         self._s_per_byte: float | None = None  # of sectors
         self._of_messages = 0.0  # seconds a byte, too
         self._landed_s = float("-inf")
@@ -66,10 +76,7 @@ class Pacing:
     def message(self, now_s: float, size: int) -> None:
         """A message of `size` bytes is sent."""
         if self._put_s is not None:
-            step_s = now_s - self._put_s
-            before_s = step_s if self._interval_s is None else self._interval_s
-            self._interval_s = before_s + _SMOOTH * (step_s - before_s)
-            self._jitter_s += _SMOOTH * (abs(step_s - before_s) - self._jitter_s)
+            self._step(now_s, now_s - self._put_s)
         self._put_s, self._size = now_s, size
         if self._s_per_byte is not None:
             self._s_per_byte *= _FORGETS
@@ -108,10 +115,12 @@ class Pacing:
         return self._alone_next
 
     def nothing_fitted(self) -> None:
-        """A frame ended without a sector: perhaps the rest is too long."""
+        """A frame ended without a sector: perhaps the rest is too long, or the path is faster again."""
         self._without += 1
         if self._without >= ALONE_EVERY:
             self._without, self._rest = 0, _SHRINKS * self._rest
+            if self._s_per_byte is not None:
+                self._s_per_byte *= _TRIED
 
     def sector(self, now_s: float, size: int) -> None:
         """A sector of `size` bytes is sent."""
@@ -129,10 +138,19 @@ class Pacing:
         else:
             self._s_per_byte = before + (_SLOWER if value > before else _SMOOTH) * (value - before)
 
-    def sector_lost(self, now_s: float, begin_s: float, size: int) -> None:
-        """A sector was not reported until now. The more of them in a row, the longer nothing is sent."""
+    def sectors_lost(self, now_s: float, begin_s: float, size: int) -> None:
+        """Sectors of a frame were not reported until now. The more such frames in a row, the longer nothing is sent.
+
+        begin_s, size: of the first of them. It counts as no longer under way than an interval of messages, for what
+        followed may be a cut. What was under way before a pause does not count.
+        """
+        if begin_s < self._since_s:
+            return
+        took_s = max(0.0, now_s - begin_s)
+        if self._interval_s is not None:
+            took_s = min(took_s, self._interval_s)
+        self._s_per_byte = max(self._s_per_byte or 0.0, 2**self._lost * took_s / size)
         self._lost = min(self._lost + 1, _MOST_LOST)
-        self._s_per_byte = max(self._s_per_byte or 0.0, 2**self._lost * max(0.0, now_s - begin_s) / size)
 
     def idle(self, now_s: float) -> None:
         """Nothing is under way now: the link is free, whatever was predicted."""
@@ -145,6 +163,22 @@ class Pacing:
         end_s = max(now_s, self.free_s) + MARGIN * size * self.s_per_byte
         rest_s = min(self._rest * self._size * self.s_per_byte, self._interval_s / 2)
         return end_s + rest_s < self._put_s + self._interval_s - self._jitter_s
+
+    def _step(self, now_s: float, step_s: float) -> None:
+        """Learn the interval of messages. A pause tells nothing of it, but two in a row do."""
+        usual_s = self._interval_s
+        if usual_s is not None and step_s > max(PAUSE_S, ROOMY * usual_s):
+            self._since_s = now_s
+            if not self._paused:
+                self._paused = True
+                return
+            usual_s = None
+        self._paused = False
+        if usual_s is None or ROOMY * step_s < usual_s > PAUSE_S:
+            self._interval_s, self._jitter_s = step_s, 0.0
+        else:
+            self._interval_s = usual_s + _SMOOTH * (step_s - usual_s)
+            self._jitter_s += _SMOOTH * (abs(step_s - usual_s) - self._jitter_s)
 
     def _takes_link(self, now_s: float, size: int) -> None:
         self.free_s = max(now_s, self.free_s) + size * self.s_per_byte

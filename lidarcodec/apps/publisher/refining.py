@@ -34,7 +34,7 @@ TICK_S = 0.01
 MOST_UNDER_WAY = 6
 LATE_S = 0.02
 """A report is late when it comes so long after its predicted time."""
-_JOIN_S = 5.0
+_JOIN_S, _LOOK_S = 5.0, 1.0
 _USUAL_BYTES = 6_000
 """Taken for the size of a sector before there is one."""
 
@@ -65,6 +65,7 @@ class Refining:
         self._usual_bytes = _USUAL_BYTES
         self._beside: dict[int, bool] = {}  # messages under way: whether sectors were sent before them
         self._sent_beside = False
+        self._path_to: str | None = None  # the receiver whose path the pacing knows
         self._followed: str | None = None  # the last followed receiver that reported a refinement
         self._counts: Counter[str] = Counter()
         self._closed = self._busy = self._finishing = False
@@ -96,6 +97,7 @@ class Refining:
         """No message follows. Wait until the last frame is refined and all sectors have arrived, at most `limit_s`."""
         with self._condition:
             self._finishing = True
+            self._condition.notify_all()
             self._condition.wait_for(
                 lambda: self._closed or not (self._frame or self._busy or self._under_way), limit_s
             )
@@ -150,18 +152,25 @@ class Refining:
 
     def _send(self, senders: list[Sender], frame: RefinableFrame, turn: int) -> None:
         if not any(sender.matching for sender in senders):
+            with self._condition:
+                self._forget_under_way()
             self._count("no_receiver")
             return
-        left = [] if self._alone() else frame.sectors
-        given_up = len(frame.sectors) - len(left)
+        left, alone = frame.sectors, self._alone()
+        held = alone
         self._count("frames")
-        while left and self._fits(turn, self._usual_bytes):
+        while left:
+            if (held or not self._fits(turn, self._usual_bytes)) and not self._is_last(turn):
+                break
+            held = False
             try:
                 data = frame.code(left[0])
             except Exception as error:  # after any error the next frame is refined
                 self._once.add("refinement errors", error)
                 break
             if not self._has_room(turn, len(data)):
+                if self._is_last(turn):
+                    continue
                 break
             try:
                 if not self._put(senders[left[0]], (frame.frame.index, left[0]), data, turn):
@@ -170,25 +179,41 @@ class Refining:
                 self._once.add("refinement errors", error)
                 break
             left = left[1:]
-        if not given_up and len(left) == len(frame.sectors):
+        if not alone and len(left) == len(frame.sectors):
             with self._condition:
                 self._pacing.nothing_fitted()
-        self._count("given_up", given_up + len(left))
-        self._count("whole", not given_up + len(left))
+        self._count("given_up", len(left))
+        self._count("whole", not left)
+
+    def _is_last(self, turn: int) -> bool:
+        """Nothing fits before the next message. Wait until it comes, or until it is known that none does."""
+        with self._condition:
+            while turn == self._turn and not self._finishing:
+                self._condition.wait(_LOOK_S)
+            return turn == self._turn
 
     def _alone(self) -> bool:
         """Begin a frame: forget what is under way, and say whether nothing is to be sent beside its message."""
         now_s, rtt_s = time.monotonic(), self._flight.rtt_s or 0.0
         with self._condition:
-            for one in self._under_way.values():  # not reported with the last frame
-                if now_s - rtt_s > one.free_s:
-                    self._pacing.sector_lost(now_s - rtt_s, one.begin_s, one.size)
-            self._late = self._under_way
-            self._under_way = {}
+            lost = [one for one in self._under_way.values() if now_s - rtt_s > one.free_s]  # not reported until now
+            if lost:
+                first = min(lost, key=lambda one: one.begin_s)
+                self._pacing.sectors_lost(now_s - rtt_s, first.begin_s, first.size)
+            self._forget_under_way()
             return self._pacing.alone and not self._finishing
+
+    def _forget_under_way(self) -> None:
+        self._late, self._under_way = self._under_way, {}
 
     def _messages(self, index: int, size: int) -> None:
         """A message was put. Learn from those that were reported."""
+        following = self._flight.following
+        if following not in (None, self._path_to):
+            self._path_to = following
+            self._pacing.new_path()
+            self._beside.clear()
+            self._forget_under_way()
         for one in self._flight.took():
             beside = self._beside.pop(one.frame, None)
             if beside is not None:
