@@ -211,16 +211,18 @@ class LiveHub:
                 del self._places[keys]
 
     async def _tick(self, watch: Watch) -> None:
+        failure: object = None
         while True:
             await asyncio.sleep(TICK_S)
             watch.tick()
-            if watch.receiver.failure is not None:
-                await self._mend(watch)
+            failure = watch.receiver.failure or failure
+            if failure is not None:
+                failure = await self._mend(watch, failure)
 
-    async def _mend(self, watch: Watch) -> None:
-        """Replace a receiver that failed; the viewers stay."""
+    async def _mend(self, watch: Watch, failure: object) -> Exception | None:
+        """Replace a receiver that failed; the viewers stay. Returns what fails again."""
         self.counts["receivers failed"] += 1
-        logger.warning("%s: receiving starts again: %s", watch.keys.prefix, watch.receiver.failure)
+        logger.warning("%s: receiving starts again: %s", watch.keys.prefix, failure)
         await self._loop.run_in_executor(self._openers, watch.close)
         await asyncio.sleep(MEND_S)
         try:
@@ -228,6 +230,8 @@ class LiveHub:
             await self._loop.run_in_executor(self._openers, watch.start)
         except Exception as error:  # for any error: the next check tries again
             logger.debug("%s: receiving still fails: %s", watch.keys.prefix, error)
+            return error
+        return None
 
     def _paint(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
         return self._loop.run_in_executor(self._painter, make)

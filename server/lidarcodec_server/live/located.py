@@ -1,6 +1,7 @@
 """Located: where programs that find a sensor in a map say that it is (docs/live.md), for the viewers of its stream.
 
-Any program on the network can say so. What is not a pose, what comes too often and what too many others say is dropped.
+Any program on the network can say so. What is not a pose, and what too many others say, is dropped. Of what one program
+says in a period the newest counts.
 
 >>> data = b'{"stamp_ns": 5, "state": "lost", "map": "town", "frame": "local"}'
 >>> located_event("car", data)["state"], located_event("car", b'{"state": "here"}')
@@ -9,8 +10,11 @@ Any program on the network can say so. What is not a pose, what comes too often 
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Final
@@ -28,46 +32,77 @@ MOST_BYTES: Final = 4096
 STATES: Final = ("searching", "tracking", "lost")
 FARTHEST: Final = 1e8
 """Largest number of a pose or of a deviation."""
-PERIOD_S: Final = 0.02
-"""Poses of one program that come sooner after another are dropped."""
+PERIOD_S: Final = 0.1
+"""Viewers are told so often at most."""
 MOST_PROGRAMS: Final = 8
 FORGET_S: Final = 10.0
 WORD: Final = 64
-Tell = Callable[[dict[str, Any]], object]
+Tell = Callable[[list[dict[str, Any]]], object]
 
 
 class Located:
-    """Listens between `start` and `close`, which may wait for the network. tell: gets the events, in another thread"""
+    """Listens between `start` and `close`, which may wait for the network, each in a thread of its own.
 
-    def __init__(self, keys: StreamKeys, transport: Transport, tell: Tell) -> None:
-        self._keys, self._transport, self._tell = keys, transport, tell
+    tell: gets the events of a period together, in the event loop
+    """
+
+    def __init__(self, keys: StreamKeys, transport: Transport, loop: asyncio.AbstractEventLoop, tell: Tell) -> None:
+        self._keys, self._transport, self._loop, self._tell = keys, transport, loop, tell
+        self._lock = threading.Lock()
         self._listener: Closeable | None = None
         self._heard: dict[str, float] = {}
+        self._newest: dict[str, bytes] = {}
+        self._closed = False
+        self._next_s = -math.inf
         self._warnings = SparseLog(logger)
 
     def start(self) -> None:
-        """Listen. Raises TransportError."""
-        self._listener = self._transport.listen(self._keys.pose(), self._came)
+        """Listen, unless it is closed already. Raises TransportError."""
+        listener = self._transport.listen(self._keys.pose(), self._came)
+        with self._lock:
+            if not self._closed:
+                self._listener = listener
+                return
+        listener.close()
 
     def close(self) -> None:
         """Stop."""
-        if self._listener is not None:
-            self._listener.close()
+        with self._lock:
+            self._closed = True
+            listener, self._listener = self._listener, None
+        if listener is not None:
+            listener.close()
 
     def _came(self, key: str, data: bytes) -> None:
         name, now = key.rpartition("/")[2], time.monotonic()
-        if now - self._heard.get(name, -math.inf) < PERIOD_S:
-            return
-        event = located_event(name, data)
-        if event is None:
+        with self._lock:
+            self._heard = {one: at for one, at in self._heard.items() if now - at < FORGET_S}
+            if name not in self._heard and len(self._heard) >= MOST_PROGRAMS:
+                self._warnings.warning("more than %d programs say where %s is", MOST_PROGRAMS, self._keys.prefix)
+                return
+            self._heard[name] = now
+            planned = bool(self._newest)
+            self._newest[name] = data if len(data) <= MOST_BYTES else b""
+        if not planned:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the server has stopped
+                self._loop.call_soon_threadsafe(self._plan)
+
+    # --- in the event loop ------------------------------------------------------------------------------------------
+
+    def _plan(self) -> None:
+        self._loop.call_at(max(self._loop.time(), self._next_s), self._pass_on)
+
+    def _pass_on(self) -> None:
+        with self._lock:
+            newest, self._newest = self._newest, {}
+            if self._closed:
+                return
+        self._next_s = self._loop.time() + PERIOD_S
+        events = [event for name, data in newest.items() if (event := located_event(name, data)) is not None]
+        if len(events) < len(newest):
             self._warnings.warning("what came on %s is no pose", self._keys.pose())
-            return
-        self._heard = {one: at for one, at in self._heard.items() if now - at < FORGET_S}
-        if name not in self._heard and len(self._heard) >= MOST_PROGRAMS:
-            self._warnings.warning("more than %d programs say where %s is", MOST_PROGRAMS, self._keys.prefix)
-            return
-        self._heard[name] = now
-        self._tell(event)
+        if events:
+            self._tell(events)
 
 
 def located_event(receiver: str, data: bytes) -> dict[str, Any] | None:
@@ -77,7 +112,8 @@ def located_event(receiver: str, data: bytes) -> dict[str, Any] | None:
     except JsonRefusedError:
         return None
     stamp, state, town, frame = (fields.get(name) for name in ("stamp_ns", "state", "map", "frame"))
-    texts = all(isinstance(one, str) and len(one) <= WORD for one in (town, frame))
+    # A page shows them: nothing in them may break the line or turn it round.
+    texts = all(isinstance(one, str) and len(one) <= WORD and one.isprintable() for one in (town, frame))
     if not is_name(receiver) or type(stamp) is not int or not 0 <= stamp < 1 << 63 or state not in STATES or not texts:
         return None
     event: dict[str, Any] = {

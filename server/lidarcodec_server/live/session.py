@@ -100,7 +100,7 @@ async def _write(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
     while True:
         parcel = await viewer.next(hub.work)
         for event in parcel.events:
-            await websocket.send_text(json.dumps(event))
+            await websocket.send_text(event if isinstance(event, str) else json.dumps(event))
         if parcel.frame is not None:
             await websocket.send_bytes(parcel.data)
 

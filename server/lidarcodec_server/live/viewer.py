@@ -24,9 +24,9 @@ EVENTS: Final = 32
 
 
 class Parcel(NamedTuple):
-    """What to send next: events first, then the bytes of frame `frame`."""
+    """What to send next: events first, some of them as JSON already, then the bytes of frame `frame`."""
 
-    events: list[dict[str, Any]]
+    events: list[dict[str, Any] | str]
     frame: int | None = None
     data: bytes = b""
 
@@ -41,7 +41,7 @@ class Viewer(ABC):
         self.window = window
         self.sent = self.sent_bytes = 0
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
-        self._poses: dict[str, dict[str, Any]] = {}
+        self._poses: dict[str, str] = {}
         self._in_flight: deque[tuple[int, float]] = deque()
         self._changed = asyncio.Event()
         self._gives_way = asyncio.Event()
@@ -60,9 +60,10 @@ class Viewer(ABC):
         self._events.append(event)
         self._changed.set()
 
-    def locate(self, event: dict[str, Any]) -> None:
-        """Tell where a program says that the sensor is; it replaces what that program said and is not sent yet."""
-        self._poses[event["receiver"]] = event
+    def locate(self, texts: dict[str, str]) -> None:
+        """Tell where programs say that the sensor is, by their names, as JSON. It replaces what they said before and is
+        not sent yet."""
+        self._poses |= texts
         while len(self._poses) > EVENTS:
             del self._poses[next(iter(self._poses))]
         self._changed.set()
@@ -90,7 +91,7 @@ class Viewer(ABC):
         """Wait for something to send, and return it. A frame in it counts as sent."""
         while True:
             self._changed.clear()
-            events = [self._events.popleft() for _ in range(len(self._events))]
+            events: list[dict[str, Any] | str] = [self._events.popleft() for _ in range(len(self._events))]
             events += self._poses.values()
             self._poses.clear()
             pause_s = self._pause_s()
@@ -110,7 +111,7 @@ class Viewer(ABC):
                 continue
 
     @abstractmethod
-    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+    async def _next(self, events: list[dict[str, Any] | str], work: Work) -> Parcel:
         """Events, and the frame to send now, if there is one."""
 
     def _pause_s(self) -> float:
@@ -148,7 +149,7 @@ class CloudViewer(Viewer):
         self._slot = view
         self._changed.set()
 
-    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+    async def _next(self, events: list[dict[str, Any] | str], work: Work) -> Parcel:
         view, self._slot = self._slot, None
         if view is None:
             return Parcel(events)
@@ -207,7 +208,7 @@ class FramesViewer(Viewer):
         self._changed.set()
         return goes_on
 
-    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+    async def _next(self, events: list[dict[str, Any] | str], work: Work) -> Parcel:
         message = self._chain.take()
         if message is None:
             return Parcel(events)

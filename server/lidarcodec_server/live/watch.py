@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
 import time
 from collections.abc import Callable
@@ -91,7 +92,7 @@ class Watch:
             transport=transport,
             decoding=self._decoders > 0,
         )
-        self._located = Located(self.keys, transport, lambda event: self._call(self._locate, event))
+        self._located = Located(self.keys, transport, self._loop, self._locate)
 
     def start(self) -> None:
         """Begin to receive. May wait for the network. Raises TransportError."""
@@ -310,9 +311,10 @@ class Watch:
             if event is not None:
                 self._tell(event)
 
-    def _locate(self, event: dict[str, Any]) -> None:
+    def _locate(self, events: list[dict[str, Any]]) -> None:
+        texts = {event["receiver"]: json.dumps(event) for event in events}
         for viewer in self.viewers:
-            viewer.locate(event)
+            viewer.locate(texts)
 
     def _tell(self, event: dict[str, Any]) -> None:
         for viewer in self.viewers:
