@@ -28,6 +28,29 @@ test("the pose is told with the largest deviations, and is carried on to the new
   expect(where.pose("town", 120)).toBeNull();
 });
 
+test("the stamps of one program do not move what another one says", () => {
+  const where = new Where();
+  for (let at = 0; at < 12; at++) {
+    where.frame(1000 + 100 * at);
+    where.take(told(3 + at, 1050 + 100 * at), 100 * at); // stamps the middle of the returns, 50 ms after the first
+    where.take(told(9, 1000 + 100 * at, { map: "village", receiver: "two" }), 100 * at);
+  }
+  where.frame(2200); // the pose of this frame is that of 2250: a metre on from 2150
+  expect(where.pose("town", 1110)?.[3]).toBeCloseTo(15);
+});
+
+test("one wrong stamp counts for a few poses only", () => {
+  const where = new Where();
+  where.frame(900);
+  where.take(told(2, 900), 0);
+  for (let at = 0; at < 12; at++) {
+    where.frame(1000 + 100 * at);
+    where.take(told(3 + at, 1050 + 100 * at), 100 * (at + 1));
+  }
+  where.frame(2200);
+  expect(where.pose("town", 1310)?.[3]).toBeCloseTo(15);
+});
+
 test("lost is told as lost, and a program that is silent says nothing any more", () => {
   const where = new Where();
   where.take(told(3, 1000), 0);

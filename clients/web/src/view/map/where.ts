@@ -19,6 +19,8 @@ const FRESH_MS = 2000;
 const CARRIED_MS = 500;
 const MOST_PROGRAMS = 8;
 const STAMPS = 16;
+/** Poses of a program that say how long after a frame's stamp theirs is. */
+const OFFSETS = 8;
 
 interface Heard {
   told: PoseEvent;
@@ -28,21 +30,24 @@ interface Heard {
   /** Metres and radians in a millisecond; zeros while unknown. */
   velocity: [number, number, number];
   turning: number;
+  /** Of its last poses: from the stamp of a frame, its first packet, to that of its pose, the middle of its returns. */
+  offsetsMs: readonly number[];
 }
 
 export class Where {
   readonly #heard = new Map<string, Heard>();
   readonly #stamps: number[] = [];
-  /** From the stamp of a frame, its first packet, to that of its pose, the middle of its returns. */
-  #offsetMs = Number.POSITIVE_INFINITY;
 
   /** Something was said at `now` (ms, any clock that runs on). */
   take(told: PoseEvent, now: number): void {
     const { receiver, T_world_sensor: numbers, state } = told;
     const stampMs = told.stamp_ns / 1e6;
     const pose = state === "tracking" && numbers?.length === 12 ? new Float64Array(numbers) : null;
-    const heard: Heard = { told, at: now, stampMs, pose, velocity: [0, 0, 0], turning: 0 };
     const before = this.#heard.get(receiver);
+    const first = Math.max(...this.#stamps.filter((stamp) => stamp <= stampMs));
+    const offsets = [...(before?.offsetsMs ?? []), ...(stampMs - first < 1000 ? [stampMs - first] : [])];
+    const offsetsMs = offsets.slice(-OFFSETS);
+    const heard: Heard = { told, at: now, stampMs, pose, velocity: [0, 0, 0], turning: 0, offsetsMs };
     const passed = before ? stampMs - before.stampMs : 0;
     if (before?.pose && pose && before.told.map === told.map && passed > 5 && passed < 1000) {
       for (let axis = 0; axis < 3; axis++)
@@ -53,8 +58,6 @@ export class Where {
     for (const [name, { at }] of this.#heard) if (now - at > FRESH_MS) this.#heard.delete(name);
     if (!this.#heard.has(receiver) && this.#heard.size >= MOST_PROGRAMS) return;
     this.#heard.set(receiver, heard);
-    const first = Math.max(...this.#stamps.filter((stamp) => stamp <= stampMs));
-    if (stampMs - first < 1000) this.#offsetMs = Math.min(this.#offsetMs, stampMs - first);
   }
 
   /** A frame is shown. */
@@ -66,7 +69,6 @@ export class Where {
   reset(): void {
     this.#heard.clear();
     this.#stamps.length = 0;
-    this.#offsetMs = Number.POSITIVE_INFINITY;
   }
 
   /** Whether a program says now where the sensor is in this map, or that it does not know. */
@@ -79,7 +81,7 @@ export class Where {
     const heard = this.#of(map, now);
     if (!heard?.pose || heard.told.map !== map) return null;
     const newest = this.#stamps.at(-1) ?? heard.stampMs;
-    const late = newest + (Number.isFinite(this.#offsetMs) ? this.#offsetMs : 0) - heard.stampMs;
+    const late = newest + (heard.offsetsMs.length ? Math.min(...heard.offsetsMs) : 0) - heard.stampMs;
     if (Math.abs(late) > CARRIED_MS) return null;
     return carried(heard.pose, heard.velocity, heard.turning, late);
   }
