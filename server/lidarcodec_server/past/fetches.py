@@ -103,6 +103,111 @@ class Fetches:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
 
+    def here(self, clip: Clip) -> Record | None:
+        """The fetch that brought a clip that is here; None if it is not."""
+        with self._wake:
+            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
+        return next((one for one in reversed(done) if self._clips.clip_file(one).is_file()), None)
+
+    def borrow(self, record: Record) -> tuple[Path, Callable[[], None]]:
+        """The file of a clip, and what to call once when it is no longer read. Until then it is not deleted.
+
+        Raises NoFetchError if it is not here.
+        """
+        with self._wake:
+            found = self._ended.get(record.id)
+            if found is None or found.state != "complete":
+                raise NoFetchError("the clip is not here: fetch it first")
+            self._read[record.id] += 1
+        path = self._clips.clip_file(record)
+
+        def give_back() -> None:
+            with self._wake:
+                self._read -= Counter([record.id])
+
+        if not path.is_file():
+            give_back()
+            raise NoFetchError("the clip is not here any more: fetch it again")
+        return path, give_back
+
+    def running(self, clip: Clip) -> Record | None:
+        """The fetch of this very clip that is not over; None if there is none."""
+        with self._wake:
+            return next((job.record for job in self._jobs.values() if job.record.clip == clip), None)
+
+    def begin(self, clip: Clip, by: str, *, stays: bool = False) -> Record:
+        """Fetch a clip, unless it is being fetched already.
+
+        stays: whether the clip is not deleted to make room
+        Raises TooManyFetchesError, SourceError if the folder cannot be written.
+        """
+        with self._beginning:
+            found = self.running(clip)
+            if found is not None:
+                return (self.keep(clip) or found) if stays else found
+            if len(self._jobs) >= MAX_WAITING:
+                raise TooManyFetchesError(f"{MAX_WAITING} fetches are waiting, which is the limit: cancel one first")
+            record = self._clips.create(clip, by, time.time_ns(), stays=stays)
+            with self._wake:
+                self._jobs[record.id] = self._job(record)
+                self._wake.notify()
+        logger.info("%s: fetching %s for %s", clip.keys.prefix, record.id, by)
+        return record
+
+    def keep(self, clip: Clip) -> Record | None:
+        """Never delete a clip to make room, whether it is here or on its way. Returns its fetch, None if there is none.
+
+        Raises SourceError if that cannot be stored.
+        """
+        with self._wake:
+            job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
+            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
+            found = job.record if job is not None else done[-1] if done else None
+            if found is None or found.stays:
+                return found
+            found = replace(found, stays=True)
+            if job is not None:
+                job.record = found
+            else:
+                self._ended[found.id] = found
+        self._clips.write(found)
+        return found
+
+    def cancel(self, name: str) -> Record:
+        """End a fetch; if it is complete, delete its clip. Raises NoFetchError, BusyClipError, SourceError."""
+        with self._wake:
+            job, ended = self._jobs.get(name), self._ended.get(name)
+            if job is not None:
+                job.cancelled = True
+                job.fetch.cancel()
+                if not job.running:
+                    self._jobs.pop(name)
+                self._wake.notify_all()
+        if job is not None:
+            return job.record if job.running else self._end(job, "cancelled", None)
+        if ended is None:
+            raise NoFetchError(f"there is no fetch {name[:64]}")
+        if not self._forget(ended):
+            raise BusyClipError(f"the clip of fetch {name} is being played or downloaded: stop that first")
+        self._clips.remove(ended)
+        return replace(ended, state="cancelled")
+
+    def state(self, name: str) -> tuple[Record, dict[str, Any] | None]:
+        """A fetch, and its progress while it is not over. Raises NoFetchError."""
+        with self._wake:
+            job, ended = self._jobs.get(name), self._ended.get(name)
+        if job is not None:
+            return job.record, job.fetch.state()
+        if ended is None:
+            raise NoFetchError(f"there is no fetch {name[:64]}")
+        return ended, None
+
+    def all(self) -> list[Record]:
+        """Every fetch, newest first."""
+        with self._wake:
+            found = [*self._ended.values(), *(job.record for job in self._jobs.values())]
+        return sorted(found, key=lambda one: (one.started_ns, one.id), reverse=True)
+
     # --- the threads ------------------------------------------------------------------------------------------------
 
     def _job(self, record: Record) -> _Job:

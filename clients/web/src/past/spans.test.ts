@@ -48,7 +48,6 @@ test("the last seconds end with the newest frame that the vehicle keeps, by its 
   ];
   expect(lastOf({ ...kept, vehicle: parked }, 30)).toEqual({ from: "1699999995000000000", to: "1700000007000000000" });
   expect(lastOf({ ...kept, vehicle: [[at(7), at(7)]] }, 30)?.from).toBe("1700000006999000000");
-  expect(lastOf(kept, 300)?.from).toBe("1699999950000000000");
   expect(lastOf({ ...kept, vehicle: null }, 30)).toBeNull();
   expect(lastOf(null, 30)).toBeNull();
 });
