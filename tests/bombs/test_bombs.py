@@ -20,6 +20,7 @@ OWN_FILES = {
     "lidarcodec/ratecontrol/curve.py": "figures of the package",
     "lidarcodec/ratecontrol/image_curve.py": "figures of the package",
     "lidarcodec/commands/doctor/about.py": "/proc",
+    "lidarcodec/archive/engines/worker.py": "/proc",
     "lidarcodec/transport/late_threads.py": "/proc",
     "lidarcodec/commands/join/captures.py": "as long as what it is compared with",
     "server/lidarcodec_server/routes/page.py": "the page of the package",
