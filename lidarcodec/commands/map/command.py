@@ -111,7 +111,7 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, random, voxel (means of larger cells), paper (an integer programme, extra `maps`), or "
+            help="greedy, random, voxel (means of larger cells), paper or lp (integer programmes, extra `maps`), or "
             "learned (a network).",
         ),
     ] = "greedy",

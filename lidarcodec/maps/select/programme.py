@@ -1,10 +1,11 @@
-"""`paper`: the integer programme of Zhang et al. for map compression, solved by its linear relaxation with HiGHS.
+"""`paper` and `lp`: the integer programme of Zhang et al. for map compression, by its linear relaxation with HiGHS.
 
     min q'x + lambda 1'z   so that   A x + z >= b 1,   x binary, z >= 0
 
 x says which points are kept, z by how many points a place of the path falls short of b. A says which place sees which
 point, here from the first to the last one that hit it. q is 1 - (n - min n) / (max n - min n) with the count n cut at
-100, as the authors' code has it, and a thousandth more: points that were seen often cost less, and none is free.
+100, as the authors' code has it, and a thousandth more: points that were seen often cost less, and none is free. With
+`lp` all points cost the same, so that it chooses those that most places see.
 
 Points that the same places see and that cost the same are one variable with an upper bound. That changes nothing in the
 programme, and makes it so small that a drive of kilometres is solved in seconds. A long path is solved in sections of
@@ -65,16 +66,24 @@ def paper(points: MapPoints, count: int, seed: int) -> Selection:
     return Selection(points.taken(places), about)
 
 
-def places_of(points: MapPoints, count: int, seed: int) -> tuple[Ints, dict[str, Any]]:
+def lp(points: MapPoints, count: int, seed: int) -> Selection:
+    """As `paper`, with the same cost for each point."""
+    places, about = places_of(points, count, seed, alike=True)
+    return Selection(points.taken(places), about)
+
+
+def places_of(points: MapPoints, count: int, seed: int, *, alike: bool = False) -> tuple[Ints, dict[str, Any]]:
     """(count,) numbers of the points of the programme, with b as large as they allow, and what is known of the choice.
 
+    alike: whether all points cost the same
     Raises SettingsError for a map that does not say from where points were seen, MissingExtraError without HiGHS.
     """
     began = time.monotonic()
-    check_seen(points, "paper")
+    name = "lp" if alike else "paper"
+    check_seen(points, name)
     if find_spec("highspy") is None:
-        raise MissingExtraError("--by paper", "maps")
-    groups, places = _groups(points), len(points.path)
+        raise MissingExtraError(f"--by {name}", "maps")
+    groups, places = _groups(points, alike), len(points.path)
     most = float(_seen(groups, groups.size, places).max())
     price, over = LAMBDA, _solved(groups, places, most, LAMBDA)
     while over.taken.sum() < count:
@@ -115,15 +124,15 @@ def _gap(groups: _Groups, taken: Ints, places: int, solved: _Solved, price: floa
     return max(value - solved.bound, 0.0) / solved.bound if solved.bound > 0 else np.inf
 
 
-def _groups(points: MapPoints) -> _Groups:
-    counts = np.minimum(points.columns["count"].astype(np.int64), MOST_COUNT)
+def _groups(points: MapPoints, alike: bool = False) -> _Groups:
+    counts = np.minimum(points.columns["count"].astype(np.int64), 1 if alike else MOST_COUNT)
     rows = np.stack([points.columns["first"].astype(np.int64), points.columns["last"].astype(np.int64), counts], axis=1)
-    alike, of, size = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    kinds, of, size = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     span = max(int(counts.max() - counts.min()), 1)
     return _Groups(
-        alike[:, 0],
-        alike[:, 1],
-        1 - (alike[:, 2] - counts.min()) / span + LEAST_COST,
+        kinds[:, 0],
+        kinds[:, 1],
+        1 - (kinds[:, 2] - counts.min()) / span + LEAST_COST,
         size.astype(np.int64),
         of.reshape(-1),
     )

@@ -12,12 +12,18 @@ from lidarcodec.maps.select.greedy import greedy
 from lidarcodec.maps.select.learned import learned_by
 from lidarcodec.maps.select.plain import random_points, voxel
 from lidarcodec.maps.select.point_net import read_point_net
-from lidarcodec.maps.select.programme import paper
+from lidarcodec.maps.select.programme import lp, paper
 from lidarcodec.maps.select.result import Selection
 
 Select = Callable[[MapPoints, int, int], Selection]
 """A function of (points, count, seed): at most `count` points."""
-METHODS: Final[dict[str, Select]] = {"greedy": greedy, "paper": paper, "voxel": voxel, "random": random_points}
+METHODS: Final[dict[str, Select]] = {
+    "greedy": greedy,
+    "paper": paper,
+    "lp": lp,
+    "voxel": voxel,
+    "random": random_points,
+}
 LEARNED: Final = "learned"
 """The method that needs weights."""
 
