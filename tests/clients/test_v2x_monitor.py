@@ -172,6 +172,11 @@ class Again(PacketSource):
         return self._poses.at(self._first_ns + (stamp_ns - self._first_ns) % self._period_ns)
 
 
+def frames_seen(states: list[dict], stream: str) -> int:
+    """How many frames of `stream` the newest state counts: 0 while no state has it, as one vehicle may start later."""
+    return states[-1]["vehicles"].get(stream, {"frames": 0})["frames"] if states else 0
+
+
 @pytest.mark.timeout(600)
 def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
     """Parked cars at the kerb raise an alert, the free road beside them none, seen from both vehicles."""
@@ -194,11 +199,8 @@ def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
             ):
                 assert eventually(lambda: heard["alert"], LIMIT_S)
                 # The road has been looked at for as long by then; give it as long again.
-                seen = heard["state"][-1]["vehicles"]["car-1/lidar"]["frames"] if heard["state"] else 0
-                assert eventually(
-                    lambda: heard["state"] and heard["state"][-1]["vehicles"]["car-1/lidar"]["frames"] > seen + 8,
-                    LIMIT_S,
-                )
+                seen = frames_seen(heard["state"], "car-1/lidar")
+                assert eventually(lambda: frames_seen(heard["state"], "car-1/lidar") > seen + 8, LIMIT_S)
         finally:
             process.send_signal(signal.SIGTERM)
             said, _ = process.communicate(timeout=LIMIT_S)
