@@ -49,7 +49,9 @@ demo: ## drive through a simulated town, live on a page in the browser (ARGS="--
 	@$(BIN)/lidarcodec demo $(ARGS)
 
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+	@$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS) || { code=$$?; test $$code -eq 1 || exit $$code; \
+		echo "What failed beside other tests runs once more, alone:"; \
+		$(BIN)/python -m pytest --last-failed --last-failed-no-failures none $(ARGS); }
 
 lint: $(STAMPS)/dev $(NATIVE) ## ruff, formats of Python and C++, mypy --strict and the import contracts
 	$(BIN)/ruff check .

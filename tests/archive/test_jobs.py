@@ -20,6 +20,7 @@ from lidarcodec.archive.query import query, segments_where
 from lidarcodec.archive.squares import MapPlan
 from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.archive.table import duckdb_errors
+from lidarcodec.cloud import second_returns
 from lidarcodec.commands.archive.run import _made
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps.file import read_map
@@ -84,6 +85,20 @@ def test_convert_writes_each_segment_once(drives, filled, tmp_path, form, names)
         assert back == payloads(drives / "car-7/roof/drive.mcap")
     with unchanged(out):
         assert json.loads(archive("run", filled, out, *words).stdout)["finished"] == 2
+
+
+@pytest.mark.data
+def test_converted_points_tell_the_second_returns_that_they_lack(data_file, tmp_path):
+    """Points of a month of a dual-return sensor would lack half of its returns without a word."""
+    name, drive = "OS-0-32-U1_v2.2.0_1024x10", tmp_path / "in" / "car-7" / "roof"
+    drive.mkdir(parents=True)
+    for ending in ("pcap.xz", "json"):
+        shutil.copy2(data_file(f"sensors/ouster/{name}.{ending}"), drive)
+    archive("run", tmp_path / "in", tmp_path / "out", *HERE)
+    words = ("--job", "convert", "--as", "ply", *HERE, "--json")
+    told = json.loads(archive("run", tmp_path / "out", tmp_path / "points", *words).stdout)
+    lacking = sum(second_returns(frame) for frame in open_archive(tmp_path / "out").frames())
+    assert told["second_returns_left_out"] == lacking > 100
 
 
 def test_reduce_keeps_the_settings_of_each_segment(filled):

@@ -38,8 +38,8 @@ log = logging.getLogger(__name__)
 
 NUMBERS: Final = (
     "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments",
-    "frames", "packet_bytes", "bytes", "bytes_before", "unchanged", "compared", "points", "joined",
-    "removed", "lost", "tried_again", "done_twice",
+    "frames", "packet_bytes", "bytes", "bytes_before", "unchanged", "compared", "points", "second_returns_left_out",
+    "joined", "removed", "lost", "tried_again", "done_twice",
 )  # fmt: skip
 """Numbers of a result, as in `results.archive.ArchiveRun`."""
 _NOUNS: Final = frozenset({"inputs", "tasks", "segments", "frames", "packet_bytes", "bytes", "points"})

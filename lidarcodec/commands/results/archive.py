@@ -76,6 +76,7 @@ class ArchiveRun(TypedDict):
     ]
     compared: Annotated[int, "of verify: segments that were compared with their input; it must be there as it was"]
     points: Annotated[int, "of map: points of the maps that were written"]
+    second_returns_left_out: Annotated[int, "of convert: second returns, which its points do not hold"]
     joined: Annotated[int, "joined tables that were written"]
     removed: Annotated[int, "joined tables that were removed, because they were not used any more"]
     lost: Annotated[int, "of stats and map: segments whose tables are lost, so that their frames are missing"]

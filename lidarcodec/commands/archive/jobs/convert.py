@@ -11,6 +11,7 @@ from lidarcodec.archive.names import Commit, json_of
 from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.scratch import scratch_folder
 from lidarcodec.archive.stores.base import Store
+from lidarcodec.cloud import second_returns
 from lidarcodec.commands.convert.outputs import Bag, Wanted
 from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import FORMS, check_output, opened
@@ -39,7 +40,8 @@ def stem_of(form: str, commit: Commit) -> str:
 def convert(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
     """Write a segment in another format. value: `commit` (fields of Commit), `as`: name of the format
 
-    A format with a file for each frame gives a folder. Raises SourceError if the recording is damaged, OSError.
+    A format with a file for each frame gives a folder. Points are those of first returns; the others are counted.
+    Raises SourceError if the recording is damaged, OSError.
     """
     commit, form = Commit(*value["commit"]), value["as"]
     found, stem = read_commit(source, commit), stem_of(value["as"], Commit(*value["commit"]))
@@ -49,7 +51,7 @@ def convert(value: dict[str, Any], source: Store, target: Store) -> dict[str, An
         if sha256_of(recording) != found["sha256"]:
             raise SourceError(f"{found['object']} is damaged: its checksum is not that of its commit")
         out = _path(folder / "drive", form)
-        frames = _bag(recording, out) if form == BAG else _frames(recording, out, form)
+        frames, second = _bag(recording, out) if form == BAG else _frames(recording, out, form)
         if frames < found["frames"] and form != BAG:
             raise SourceError(f"{found['object']} has {found['frames']} frames, of which {frames} can be decoded")
         names = []
@@ -57,7 +59,7 @@ def convert(value: dict[str, Any], source: Store, target: Store) -> dict[str, An
             target.create(name, path)
             names.append(name)
     target.create(f"{stem}.json", json_of({"source": found["object"], "files": names}))
-    return {"frames": found["frames"]}
+    return {"frames": found["frames"], "second_returns_left_out": second}
 
 
 def _path(path: Path, form: str) -> Path:
@@ -66,16 +68,18 @@ def _path(path: Path, form: str) -> Path:
     return path.with_suffix(FORMS[form].ending) if alone else path
 
 
-def _frames(recording: Path, out: Path, name: str) -> int:
-    form, count = FORMS[name], 0
+def _frames(recording: Path, out: Path, name: str) -> tuple[int, int]:
+    """Write decoded frames. Returns their number, and that of the second returns left out."""
+    form, count, second = FORMS[name], 0, 0
     with opened(out, form, out) as writer:
         for frame in RecordedFrames(recording):
             writer.write(frame, frame.cloud() if form.points else NO_CLOUD)
             count += 1
-    return count
+            second += second_returns(frame) if form.first_returns else 0
+    return count, second
 
 
-def _bag(recording: Path, out: Path) -> int:
+def _bag(recording: Path, out: Path) -> tuple[int, int]:
     """The packets of a recording as scans in a rosbag2."""
     out.mkdir()
     name = f"{out.name}_0.mcap"
@@ -85,7 +89,7 @@ def _bag(recording: Path, out: Path) -> int:
             bag.write(packet)
         bag.close()
     (out / METADATA).write_text(bag.writer.metadata(name))
-    return 0
+    return 0, 0
 
 
 def _files(out: Path, stem: str) -> Iterator[tuple[Path, str]]:
