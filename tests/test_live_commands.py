@@ -276,3 +276,6 @@ def test_a_terminal_is_told_what_is_published_and_whether_it_leaves_this_machine
         say_begun(["car-7/roof"], endpoints)
         assert stream.getvalue().startswith(told)
         assert bool(stream.getvalue()) == bool(told)
+    monkeypatch.setattr("sys.stderr", stream := Terminal())
+    say_begun(["car-7/roof"], Endpoints(connect=("tcp/127.0.0.1:7447",)), waits=True)
+    assert "begins when there is a receiver" in stream.getvalue()

@@ -135,18 +135,22 @@ def run(
         )
         health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
         stream = f"{publisher.keys.vehicle}/{publisher.keys.sensor}"
-        say_begun([stream], endpoints)
+        say_begun([stream], endpoints, waits=frames_a_second == "max" and not source.live)
         with stoppable(publisher.interrupt), health, told_ready(f"publishing {stream}", publisher.status):
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
     tell_of([publisher.status()], as_json)
 
 
-def say_begun(streams: Iterable[str], endpoints: Endpoints) -> None:
-    """Say on a terminal what is published, because nothing else is printed until the end."""
+def say_begun(streams: Iterable[str], endpoints: Endpoints, *, waits: bool = False) -> None:
+    """Say on a terminal what is published, because nothing else is printed until the end.
+
+    waits: nothing is sent before there is a receiver
+    """
     if sys.stderr.isatty():
         reach = " on this machine only (--connect or --listen sends it elsewhere)" if endpoints.local else ""
-        sys.stderr.write(f"publishing {', '.join(streams)}{reach}; Ctrl-C stops\n")
+        begins = "; begins when there is a receiver" * waits
+        sys.stderr.write(f"publishing {', '.join(streams)}{reach}{begins}; Ctrl-C stops\n")
 
 
 def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:
