@@ -15,6 +15,7 @@ from lidarcodec.errors import SourceError
 from tests.archive.conftest import Bucket
 from tests.archive.test_archive import FRAMES, payloads
 from tests.command_line import run
+from tests.faults.archive_store_errors import Proxy, proxied
 
 pytestmark = [pytest.mark.sweep, pytest.mark.timeout(300)]
 
@@ -67,6 +68,30 @@ def test_of_many_that_create_an_object_one_wins(bucket):
         thread.join()
     (winner,) = wins
     assert store.read("one") == b"%d" % winner
+
+
+class CutsEverySecond(Proxy):
+    """Cuts the connection of every second request before the store has seen it."""
+
+    def fault(self) -> str:
+        super().fault()
+        return "cut before" if self.counts["requests"] % 2 else ""
+
+
+def test_every_request_survives_a_cut_connection(bucket, monkeypatch):
+    """On a mobile link connections are cut all the time."""
+    with proxied(bucket.port, 0, CutsEverySecond) as proxy:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{proxy.server_address[1]}")
+        store = open_store("s3://fleet/cut")
+        for round_ in range(3):
+            name = f"a-{round_}"
+            assert store.entry(name) is None
+            store.create(name, b"data")
+            assert store.size(name) == 4
+            assert store.read(name) == b"data"
+            assert [entry.name for entry in store.entries()] == [name]
+            store.delete(name)
+            assert store.entry(name) is None
 
 
 def test_a_name_that_leaves_the_prefix_is_refused(bucket):

@@ -20,7 +20,7 @@ from tests.faults.archive_killed import objects, undisturbed, words
 from tests.faults.outcome import Outcome
 from tests.transport.conftest import free_port
 
-KILLS = 24
+KILLS = 100
 SEED = 34
 WORKERS = 2
 SHARES = {"scheduler": 0.25, "driver": 0.25, "worker": 0.5}

@@ -104,6 +104,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.send_header(name, value)
         self.send_header("Content-Length", str(len(data) if length is None else length))
         self.end_headers()
+        if self.command == "HEAD":  # its answers have no body, those that refuse neither
+            return
         self.wfile.write(data if part < 0 else data[:part])
         self.wfile.flush()
 
@@ -117,8 +119,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
 
 @contextlib.contextmanager
-def proxied(target: int, seed: int) -> Iterator[Proxy]:
-    proxy = Proxy(target, seed)
+def proxied(target: int, seed: int, kind: type[Proxy] = Proxy) -> Iterator[Proxy]:
+    proxy = kind(target, seed)
     thread = threading.Thread(target=proxy.serve_forever, daemon=True)
     thread.start()
     try:
@@ -150,8 +152,10 @@ def run(seed: int = SEED) -> Outcome:
     if not runs:
         wrong.append(f"the archive is not complete after {RUNS} runs: {left}")
     if found != expected:
-        other = sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
-        wrong.append(f"other objects than of an undisturbed run: {', '.join(other)[:500]}")
+        how = {"missing": expected.keys() - found.keys(), "more": found.keys() - expected.keys()}
+        how["other bytes"] = {name for name in found.keys() & expected.keys() if found[name] != expected[name]}
+        told = "; ".join(f"{word}: {', '.join(sorted(names))}" for word, names in how.items() if names)
+        wrong.append(f"other objects than of an undisturbed run: {told[:500]}")
     faults = sum(counts.values()) - counts["requests"]
     return Outcome(
         title,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -132,19 +132,26 @@ class BucketStore(Store):
             obstore.put(self._store, check_name(name), iter(chunks), max_concurrency=1)
 
     def delete(self, name: str) -> None:
+        with suppress(FileNotFoundError):  # some stores say so, also of what an attempt deleted whose answer was cut
+            self._again(lambda: self._delete(name))
+
+    def _delete(self, name: str) -> None:
         import obstore
 
         with self._errors(name):
             obstore.delete(self._store, check_name(name))
 
     def entry(self, name: str) -> Entry | None:
-        import obstore
-
         try:
-            with self._errors(name):
-                return _entry(obstore.head(self._store, check_name(name)))._replace(name=name)
+            return self._again(lambda: self._entry(name))
         except FileNotFoundError:
             return None
+
+    def _entry(self, name: str) -> Entry:
+        import obstore
+
+        with self._errors(name):
+            return _entry(obstore.head(self._store, check_name(name)))._replace(name=name)
 
     def download(self, name: str, path: Path) -> None:
         self._again(lambda: self._download(name, path))
@@ -158,7 +165,7 @@ class BucketStore(Store):
 
     @staticmethod
     def _again(asked: Callable[[], Result]) -> Result:
-        """What `asked` returns. obstore repeats requests, but none whose answer was cut in its middle."""
+        """What `asked` returns. obstore repeats requests, but not all whose connection was cut."""
         for pause_s in _PAUSES_S:
             try:
                 return asked()

@@ -31,6 +31,7 @@ class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
     def __init__(self, store: Store) -> None:
         super().__init__()
         self._store = store
+        self._sizes: dict[str, int] = {}
 
     def _open(self, path: str, mode: str = "rb", **options: Any) -> io.BytesIO | StoreFile:
         del options
@@ -45,13 +46,15 @@ class StoreFiles(AbstractFileSystem):  # type: ignore[misc]
         return self._store.read(name, start, end - start)
 
     def info(self, path: str, **options: Any) -> dict[str, Any]:
-        """Name, size and kind of a file."""
+        """Name, size and kind of a file. The store is asked once: an object never changes."""
         del options
-        name = self._strip_protocol(path)
-        size = self._store.size(name)
-        if size is None:
-            raise FileNotFoundError(path)
-        return {"name": name, "size": size, "type": "file"}
+        name = str(self._strip_protocol(path))
+        if name not in self._sizes:
+            size = self._store.size(name)
+            if size is None:
+                raise FileNotFoundError(path)
+            self._sizes[name] = size
+        return {"name": name, "size": self._sizes[name], "type": "file"}
 
     def modified(self, path: str) -> datetime:
         """The same for all: an object never changes."""
