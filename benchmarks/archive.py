@@ -103,14 +103,16 @@ def real_drive(folder: Path) -> Path:
     return folder / "in"
 
 
-def coded(inputs: Path, out: Path, pairs: list[str], workers: int) -> tuple[Outcome, float, list[float]]:
+def coded(
+    inputs: Path, out: Path, pairs: list[str], workers: int, codec: str = "pcodec"
+) -> tuple[Outcome, float, list[float]]:
     """Archive the captures. Returns the outcome, seconds, and processor seconds of this process and of each worker.
 
     workers: 0 for none: the work is done in this process
     """
     processes = ProcessEngine(workers, 3600.0) if workers else None
     engine = processes or HereEngine()
-    plan = CompressPlan(FolderStore(inputs), FolderStore(out), archive_settings(one_setting("pcodec", pairs)), 5.0)
+    plan = CompressPlan(FolderStore(inputs), FolderStore(out), archive_settings(one_setting(codec, pairs)), 5.0)
     begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
     try:
         outcome = drive(plan, engine, FolderStore(out))
@@ -169,6 +171,8 @@ def measures() -> str:
         _, wall_s, spent_s = measured_here(lambda: query(store, _QUERY))
         rows.append(("the same, joined", f"{wall_s:.2f} s, {spent_s:.2f} s", "1 s"))
         rows += _one_frame(folder)
+        coded(inputs, folder / "memory", [], 0, "predictive")
+        rows.append(_late_frame(FolderStore(folder / "memory"), Counted(folder / "memory")))
     lines = ["| | measured | asked |", "|---|---:|---:|", *(f"| {' | '.join(row)} |" for row in rows)]
     about = (
         f"{CAPTURES} captures of {SCENE}, {FRAMES} frames each, pcodec, lossless. Large archives are simulated, in "
@@ -248,6 +252,19 @@ def _one_frame(folder: Path) -> list[tuple[str, str, str]]:
         ("one frame of 10,000 segments: requests", str(requests), "3"),
         ("the same: bytes", f"{read:,}, {read / length:.2f} times its own", "2 times"),
     ]
+
+
+def _late_frame(plain: FolderStore, store: Counted) -> tuple[str, str, str]:
+    """Bytes of the last frame of a segment whose codec has a memory, against those since its key message."""
+    commit = next(one for entry in plain.entries("commits/car-0/") if (one := commit_of(entry.name)) is not None)
+    messages = json.loads(plain.read(commit.name))["messages"]
+    (frame,) = Archive(store).frames(vehicle="car-0", sensor="roof", between=(commit.last_ns, commit.last_ns))
+    if frame.stamp_ns != commit.last_ns:
+        raise SystemExit("another frame was read")
+    key = max(number for number, message in enumerate(messages) if message[6])
+    since = sum(message[2] for message in messages[key:])
+    read = store.counts["bytes"]
+    return ("one frame of `predictive`: bytes", f"{read:,}, {read / since:.2f} times those since its key", "2 times")
 
 
 def month() -> str:

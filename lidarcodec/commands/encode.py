@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 def run(
     spec: str,
     out: Path,
+    *,
     codec: str | None,
     pairs: list[str],
     selection: Selection,

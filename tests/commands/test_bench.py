@@ -12,11 +12,12 @@ from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.evaluation import plots
 
 SOURCE = "sim:city?frames=3"
+ONE = {"frames": 1, "skip": 0, "calibration": None, "poses": None, "plot": None}
 
 
 def bench(capsys, codecs, pairs=(), **more):
-    given = {"frames": 1, "skip": 0, "calibration": None, "poses": None, "plot": None, "as_json": True} | more
-    command.run(SOURCE, codecs, list(pairs), **given)
+    given = ONE | {"as_json": True} | more
+    command.run(SOURCE, codecs=codecs, pairs=list(pairs), **given)
     shown = capsys.readouterr()
     return json.loads(shown.out), shown.err
 
@@ -100,7 +101,7 @@ def test_all_metrics_are_there_when_asked_for_and_only_then(capsys):
 
 
 def test_the_table_to_read_shows_peers_and_more_metrics(capsys):
-    command.run(SOURCE, "raw,peer:lerc", [], 1, 0, None, None, None, False, "all")
+    command.run(SOURCE, codecs="raw,peer:lerc", pairs=[], **ONE, as_json=False, metrics="all")
     shown = capsys.readouterr().out
     assert "peer:lerc max_error_m=0.05" in shown
     assert "chamfer mm" in shown

@@ -19,8 +19,8 @@ x509 = pytest.importorskip("cryptography.x509")
 
 
 def make(folder, routers=(), vehicles=(), viewers=(), operators=(), remove=(), auth=None, port=None, installed=None):
-    people = [list(names) for names in (routers, vehicles, viewers, operators, remove)]
-    certs.run(folder, *people, auth, port, 90, installed)
+    people = {"vehicles": vehicles, "viewers": viewers, "operators": operators, "remove": remove}
+    certs.run(folder, routers=routers, **people, auth=auth, port=port, days=90, installed=installed)
 
 
 def read(path):
@@ -232,7 +232,7 @@ def test_a_call_does_not_wait_without_end_for_another(tmp_path):
 def test_a_removed_name_is_given_to_nobody_while_its_old_certificate_is_valid(tmp_path):
     """Access rules go by the name in a certificate: the old one of a removed viewer opened what an operator may."""
     make(tmp_path, ["a.example"], ["car-7"], ["eve", "anna"])
-    certs.run(tmp_path, [], [], ["eve"], [], [], None, None, 30, None)  # the older certificate is the one to outlive
+    certs.run(tmp_path, viewers=["eve"], days=30)  # the older certificate is the one to outlive
     make(tmp_path, remove=["eve", "car-7"])
     for again in ({"operators": ["eve"]}, {"viewers": ["eve"]}, {"vehicles": ["car-7"]}, {"viewers": ["car-7"]}):
         with pytest.raises(SettingsError, match=r"was removed, and its old certificate is valid until .*another name"):

@@ -122,7 +122,8 @@ def test_a_frame_without_a_return_is_measured_or_refused_by_name(name, no_return
 def test_a_peer_that_fails_is_left_out_unless_it_was_asked_for(no_return, capsys, tmp_path):
     peer("peer:draco")
     picture = tmp_path / "nothing.png"
-    command.run(str(no_return), "zstd", [], 1, 0, None, None, picture, True, peers=True, as_curve=True)
+    given = {"frames": 1, "skip": 0, "calibration": None, "poses": None, "as_json": True}
+    command.run(str(no_return), codecs="zstd", pairs=[], plot=picture, peers=True, as_curve=True, **given)
     assert picture.exists()
     shown = capsys.readouterr()
     names = {entry["codec"] for entry in json.loads(shown.out)}

@@ -35,7 +35,15 @@ class Car:
 
     def __init__(self, folder: Path, host: str = "127.0.0.1", auth: str = "certificate") -> None:
         self.folder, self.port = folder / "d", free_port()
-        certs.run(self.folder, [], [f"car-7@{host}"], ["anna"], ["olga"], [], auth, self.port, 365, None)
+        certs.run(
+            self.folder,
+            vehicles=[f"car-7@{host}"],
+            viewers=["anna"],
+            operators=["olga"],
+            auth=auth,
+            port=self.port,
+            days=365,
+        )
         self.transport = open_transport(Endpoints.of(config=self.folder / "vehicle-car-7.json5"))
 
     def viewer_s(self, limit_s: float = 20.0) -> float:

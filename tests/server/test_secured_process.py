@@ -24,7 +24,7 @@ def alive(server: Server, stream: str) -> bool:
 @pytest.mark.timeout(120)
 def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path):
     port, config = free_port(), tmp_path / "fleet"
-    certs.run(config, ["localhost"], ["car-7"], [], ["server"], [], None, port, 30, None)
+    certs.run(config, routers=["localhost"], vehicles=["car-7"], operators=["server"], port=port, days=30)
     router = Router(config=str(config / "router-localhost.json5"), listen=f"tls/localhost:{port}")
     zenoh = str(config / "operator-server.json5")
     own = {"LIDARCODEC_ZENOH_CONFIG": zenoh, "LIDARCODEC_SERVE_RECORDINGS": str(tmp_path)}

@@ -30,8 +30,8 @@ QUIET_S = 0.5
 def deployment(folder, auth="certificate", routers=("localhost",), vehicles=("car-7", "car-8"), port=None, days=365):
     """A folder of configurations, and the port in them."""
     port = port or free_port()
-    people = (list(vehicles), ["anna", "ben"], ["olga"])
-    certs.run(folder, list(routers), *people, [], auth, port, days, None)
+    people = {"vehicles": vehicles, "viewers": ["anna", "ben"], "operators": ["olga"]}
+    certs.run(folder, routers=routers, **people, auth=auth, port=port, days=days)
     return port
 
 
@@ -301,7 +301,7 @@ def test_who_was_removed_may_do_nothing_any_more(tmp_path):
     try:
         kept = tmp_path / "kept.json5"
         shutil.copy(tmp_path / "viewer-anna.json5", kept)
-        certs.run(tmp_path, [], [], [], [], ["anna"], None, None, 30, None)
+        certs.run(tmp_path, remove=["anna"], days=30)
         assert not (tmp_path / "viewer-anna.json5").exists()
         made.router.kill()
         made.router = Router(config=str(tmp_path / "router-localhost.json5"), listen=made.endpoint)

@@ -39,6 +39,7 @@ class Job(NamedTuple):
 
 def run(
     source: str,
+    *,
     codecs: str | None,
     pairs: list[str],
     frames: int | None,

@@ -11,6 +11,7 @@ import ipaddress
 import json
 import re
 import secrets
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal, cast
@@ -74,22 +75,23 @@ class Deployment(BaseModel):
 
 def run(
     folder: Path,
-    routers: list[str],
-    vehicles: list[str],
-    viewers: list[str],
-    operators: list[str],
-    remove: list[str],
-    auth: str | None,
-    port: int | None,
+    *,
+    routers: Sequence[str] = (),
+    vehicles: Sequence[str] = (),
+    viewers: Sequence[str] = (),
+    operators: Sequence[str] = (),
+    remove: Sequence[str] = (),
+    auth: str | None = None,
+    port: int | None = None,
     days: int,
-    installed: Path | None,
+    installed: Path | None = None,
     as_json: bool = False,
 ) -> None:
     """Make or extend a deployment, and print the files written. Only one call at a time changes a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        people = {"vehicle": vehicles, "viewer": viewers, "operator": operators}
-        written, notes = _change(folder, routers, people, remove, auth, port, days, installed)
+        people = {"vehicle": list(vehicles), "viewer": list(viewers), "operator": list(operators)}
+        written, notes = _change(folder, list(routers), people, list(remove), auth, port, days, installed)
     paths = [str(folder / name) for name in written]
     tell({"folder": str(folder), "written": paths, "notes": notes}, "\n".join([*paths, *notes]), as_json)
 

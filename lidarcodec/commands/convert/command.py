@@ -129,8 +129,9 @@ def convert(
     if kept is not None:
         if placing.given:
             raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
-        packets.run(spec, out, kept, codec, pairs or [], selection, calibration, poses, with_clouds, topic, frame_id,
-                    force, allow_missed, as_json, mounted)  # fmt: skip
+        packets.run(spec, out, form=kept, codec=codec, pairs=pairs or [], selection=selection, calibration=calibration,
+                    poses=poses, clouds=with_clouds, topic=topic, frame_id=frame_id, force=force,
+                    allow_missed=allow_missed, as_json=as_json, mounted=mounted)  # fmt: skip
         return
     wanted = Wanted(out, form_of(out, form, further=FORMS), selection, placing, force, as_json)
     for name, given in (("--codec", codec), ("--set", pairs), ("--with-clouds", with_clouds), ("--topic", topic),

@@ -41,6 +41,7 @@ IN_THE_STREAM = ("generic", "stream")
 def run(
     spec: str,
     out: Path,
+    *,
     form: Form,
     codec: str | None,
     pairs: list[str],
@@ -63,8 +64,21 @@ def run(
     wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
     if wanted.form == "recording":
-        encode.run(spec, out, codec, pairs, selection, calibration, poses, clouds, 0, force, allow_missed, as_json,
-                   mounted)  # fmt: skip
+        encode.run(
+            spec,
+            out,
+            codec=codec,
+            pairs=pairs,
+            selection=selection,
+            calibration=calibration,
+            poses=poses,
+            clouds=clouds,
+            learn=0,
+            force=force,
+            allow_missed=allow_missed,
+            as_json=as_json,
+            mounted=mounted,
+        )
         return
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES

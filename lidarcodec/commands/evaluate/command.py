@@ -183,6 +183,17 @@ def detection(
     from lidarcodec.commands.evaluate import detection as command
 
     command.run(
-        source, codec, pairs or [], recordings or [], labels, camera, first_label, frames, skip, calibration, poses,
-        seed, as_json,
-    )  # fmt: skip
+        source,
+        codecs=codec,
+        pairs=pairs or [],
+        recordings=recordings or [],
+        labels=labels,
+        camera=camera,
+        first_label=first_label,
+        frames=frames,
+        skip=skip,
+        calibration=calibration,
+        poses=poses,
+        seed=seed,
+        as_json=as_json,
+    )

@@ -25,6 +25,7 @@ from lidarcodec.sources.spec import parse
 
 def run(
     source: str,
+    *,
     codecs: str | None,
     pairs: Sequence[str],
     recordings: Sequence[Path],

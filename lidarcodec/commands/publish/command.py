@@ -83,6 +83,7 @@ def check_alone(given: dict[str, object]) -> None:
 
 def run(
     spec: str,
+    *,
     vehicle: str | None,
     sensor: str,
     codec: str | None,

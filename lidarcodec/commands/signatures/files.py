@@ -105,8 +105,21 @@ def encode(
     mounted = Mounted.of(mount, poses_of, poses=poses is not None)
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     selection = Selection(frames, skip, begin, end)
-    command.run(of_model(source, model), out, codec, pairs, selection, calibration, poses, with_clouds, learn, force,
-                allow_missed, as_json, mounted)  # fmt: skip
+    command.run(
+        of_model(source, model),
+        out,
+        codec=codec,
+        pairs=pairs,
+        selection=selection,
+        calibration=calibration,
+        poses=poses,
+        clouds=with_clouds,
+        learn=learn,
+        force=force,
+        allow_missed=allow_missed,
+        as_json=as_json,
+        mounted=mounted,
+    )
 
 
 @prints(Converted)
@@ -268,19 +281,19 @@ def bench(
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     command.run(
         of_model(source, model),
-        codec,
-        pairs,
-        frames,
-        skip,
-        calibration,
-        poses,
-        plot,
-        as_json,
-        metrics,
-        curve,
-        peers,
-        learn,
-        force,
+        codecs=codec,
+        pairs=pairs,
+        frames=frames,
+        skip=skip,
+        calibration=calibration,
+        poses=poses,
+        plot=plot,
+        as_json=as_json,
+        metrics=metrics,
+        as_curve=curve,
+        peers=peers,
+        learn=learn,
+        force=force,
     )
 
 

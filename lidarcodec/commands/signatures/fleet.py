@@ -103,8 +103,8 @@ def certs(
     from lidarcodec.commands.certs import command
 
     command.run(
-        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed,
-        as_json,
+        folder, routers=router or [], vehicles=vehicle or [], viewers=viewer or [], operators=operator or [],
+        remove=remove or [], auth=auth, port=port, days=days, installed=installed, as_json=as_json,
     )  # fmt: skip
 
 

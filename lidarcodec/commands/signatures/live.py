@@ -181,13 +181,31 @@ def publish(
     if keep is None and (keep_dir is not None or mark_when):
         raise SettingsError("--keep-dir and --mark-when need --keep SIZE", "keep")
     command.run(
-        of_model(source, model), vehicle, sensor or "lidar", codec,
-        reduced(pairs, reduction, keep_points, keep_fraction), rate,
-        (connect or [], listen or [], zenoh_config),
-        record, record_as or "packets", 8.0 if record_gb is None else record_gb, keep, keep_dir, tuple(mark_when or ()),
-        calibration, poses, health_file, original, weights_dir, link, loop, as_json,
-        Mounted.of(mount, poses_of, poses=poses is not None and poses != command.OWN_POSES, sensor=sensor or "lidar"),
-    )  # fmt: skip
+        of_model(source, model),
+        vehicle=vehicle,
+        sensor=sensor or "lidar",
+        codec=codec,
+        pairs=reduced(pairs, reduction, keep_points, keep_fraction),
+        rate=rate,
+        given=(connect or [], listen or [], zenoh_config),
+        record=record,
+        record_as=record_as or "packets",
+        record_gb=8.0 if record_gb is None else record_gb,
+        keep=keep,
+        keep_dir=keep_dir,
+        mark_when=tuple(mark_when or ()),
+        calibration=calibration,
+        poses=poses,
+        health_file=health_file,
+        original=original,
+        weights_dir=weights_dir,
+        link=link,
+        loop=loop,
+        as_json=as_json,
+        mounted=Mounted.of(
+            mount, poses_of, poses=poses is not None and poses != command.OWN_POSES, sensor=sensor or "lidar"
+        ),
+    )
 
 
 @prints(Received)
