@@ -13,7 +13,7 @@ import pytest
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensors.models.ouster.sensor import bare_sensors
-from lidarcodec.sources.ouster_http import PATH, metadata_over_http, with_metadata
+from lidarcodec.sources.ouster_http import LIVE_ANSWER_S, PATH, metadata_over_http, with_metadata
 from tests.sensors.ouster_packets import as_json, flat_metadata, nested_metadata
 
 METADATA = as_json(nested_metadata(flat_metadata()))
@@ -121,8 +121,8 @@ def test_other_answers_are_refused_in_time(answer: Callable[[BaseHTTPRequestHand
         with pytest.raises(
             CalibrationError, match=f"no metadata from http://{HOST}:{port}{PATH}: .*{message}"
         ) as raised:
-            metadata_over_http(HOST, port, answer_s=0.5)
-        assert time.monotonic() - begin < 5
+            metadata_over_http(HOST, port, answer_s=0.5 if answer is dripping else 60.0)
+        assert time.monotonic() - begin < 20
         assert "\n" not in str(raised.value)
 
 
@@ -146,7 +146,7 @@ def test_no_address_beyond_the_networks_of_this_machine_is_asked(caplog: pytest.
     bare = bare_sensors()["ouster-16-legacy"]
     began = time.monotonic()
     assert with_metadata(bare, bytes([198, 51, 100, 7]), "UDP") is bare
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - began < LIVE_ANSWER_S
     assert "it is in no network of this machine; give its metadata with --calibration" in caplog.text
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import socket
+import struct
 import time
 from collections import Counter
 from ipaddress import ip_address
@@ -19,9 +20,12 @@ from lidarcodec.sources.captures.pcap import Ending
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.captures.source import stamped_datagrams
 from lidarcodec.sources.udp.positions import PositionListener
+from lidarcodec.sources.udp.socket import SO_TIMESTAMPNS
 from lidarcodec.units import DATA_PORT, POSITION_PORT
 from tests.positions import interleaved, position
 from tests.sources import captures as c
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
 
 DATA = [Packet(c.payload(k), c.T0_NS // 1000 * 1000 + k * 288_000) for k in range(200)]
 MIXED = [*interleaved(DATA, every=9, first=0), position(DATA[-1].stamp_ns + 5000)]
@@ -106,19 +110,25 @@ def test_a_replay_gives_them_at_their_place(capture):
 
 
 def test_one_that_is_late_does_not_hold_up_a_replay(tmp_path):
-    late = [packet if k % 9 else position(packet.stamp_ns - 50_000_000) for k, packet in enumerate(DATA)]
+    late = [packet if k % 9 else position(packet.stamp_ns - 500_000_000) for k, packet in enumerate(DATA)]
     path = tmp_path / "late.pcap"
     path.write_bytes(written([DATA[0], *late]))
     begin = time.monotonic()
     with open_source(path, realtime=True) as source:
         assert len(list(source.packets())) == 201
-    assert time.monotonic() - begin < 0.5  # 58 ms, and not 23 times 50 more
+    assert time.monotonic() - begin < 8.0  # 58 ms, and not 23 times 500 more
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+def arrivals_are_stamped() -> bool:
+    """Linux begins to stamp arrivals a moment after it was asked to; until then it stamps when they are read."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        probe.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        begin_ns = time.time_ns()
+        probe.sendto(b"", probe.getsockname())
+        time.sleep(0.02)
+        seconds, ns = struct.unpack("@qq", probe.recvmsg(1, 64)[1][0][2])
+        return seconds * 10**9 + ns < begin_ns + 15_000_000
 
 
 def test_a_live_sensor_gives_them_by_the_time_of_arrival():
@@ -127,10 +137,11 @@ def test_a_live_sensor_gives_them_by_the_time_of_arrival():
         open_source(f"udp://127.0.0.1:0?wait=0&idle=0.5&position={port}") as source,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor,
     ):
-        time.sleep(0.1)  # Linux begins to stamp arrivals a moment after it was asked to
+        assert eventually(arrivals_are_stamped, 60)
         for packet in MIXED:
             sensor.sendto(packet.payload, ("127.0.0.1", port if packet.position else source.address[1]))
-        came = list(source.packets())
+        came: list[Packet] = []
+        assert eventually(lambda: came.extend(source.packets()) or len(came) >= len(MIXED), 60)
     assert [(p.payload, p.position) for p in came] == [(p.payload, p.position) for p in MIXED]
     assert [p.stamp_ns for p in came] == sorted(p.stamp_ns for p in came)
     assert source.counts == {"position packets": 24}
@@ -153,12 +164,14 @@ def test_those_of_strangers_and_too_long_ones_are_counted():
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
     ):
+        assert eventually(arrivals_are_stamped, 60)
         stranger.bind(("127.0.0.2", 0))
         stranger.sendto(bytes(512), ("127.0.0.1", port))
         sensor.sendto(bytes(1473), ("127.0.0.1", port))
         sensor.sendto(MIXED[0].payload, ("127.0.0.1", port))
         sensor.sendto(DATA[0].payload, ("127.0.0.1", source.address[1]))
-        came = list(source.packets())
+        came: list[Packet] = []
+        assert eventually(lambda: came.extend(source.packets()) or len(came) >= 2, 60)
     assert [p.position for p in came] == [True, False]
     assert source.counts == {"position packets": 1, "strangers": 1, "wrong length": 1}
 
@@ -214,13 +227,13 @@ def test_a_clock_that_is_set_back_holds_up_no_position_packets() -> None:
 def test_strangers_are_warned_of_while_the_source_runs(caplog):
     port = free_port()
     with (
-        open_source(f"udp://0.0.0.0:0?wait=0&idle=2&position={port}") as source,
+        open_source(f"udp://0.0.0.0:0?wait=0&idle=20&position={port}") as source,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
     ):
         stranger.bind(("127.0.0.2", 0))
         came, packets = 0, source.packets()
-        until = time.monotonic() + 10
+        until = time.monotonic() + 60
         while "refused" not in caplog.text and time.monotonic() < until:
             stranger.sendto(bytes(512), ("127.0.0.1", port))
             sensor.sendto(DATA[0].payload, ("127.0.0.1", source.address[1]))

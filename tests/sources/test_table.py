@@ -13,6 +13,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.spec import parse
 from tests.sources import captures as c
+from tests.transport.test_contract import eventually
 
 
 @pytest.fixture
@@ -62,14 +63,18 @@ def test_errors_say_what_is_wrong(tmp_path, capture):
 
 
 def test_replay_keeps_the_sensors_own_pace(capture):
-    with open_source(capture, realtime=True, speed=2.0) as source:
-        assert source.live
-        start = time.monotonic()
-        packets = list(source.packets())
-        took = time.monotonic() - start
-    assert len(packets) == 40
-    assert 0.19 < took < 0.6  # 39 x 10 ms at twice the pace
-    assert packets == list(open_source(capture).packets())
+    def took_s() -> float:
+        with open_source(capture, realtime=True, speed=2.0) as source:
+            assert source.live
+            start = time.monotonic()
+            packets = list(source.packets())
+            took = time.monotonic() - start
+        assert len(packets) == 40
+        assert took > 0.19  # 39 x 10 ms at twice the pace
+        assert packets == list(open_source(capture).packets())
+        return took
+
+    assert eventually(lambda: took_s() < 0.38, 60), "at best, for the machine may be busy"
 
 
 def test_replay_can_be_stamped_with_the_time_of_now(capture):
@@ -97,11 +102,14 @@ def test_a_loop_goes_on_with_rising_stamps_until_it_is_closed(capture):
 def test_close_ends_a_replay_that_waits(tmp_path):
     path = tmp_path / "slow.pcap"
     path.write_bytes(c.pcap([c.frame(c.payload(k)) for k in range(3)], step_ns=900_000_000))
-    source = open_source(path, realtime=True)
-    threading.Timer(0.1, source.close).start()
-    start = time.monotonic()
-    assert len(list(source.packets())) == 1
-    assert time.monotonic() - start < 0.5
+
+    def ends_at_once() -> bool:
+        source = open_source(path, realtime=True)
+        threading.Timer(0.1, source.close).start()
+        start = time.monotonic()
+        return len(list(source.packets())) == 1 and time.monotonic() - start < 0.5
+
+    assert eventually(ends_at_once, 60), "at best, for the machine may be busy"
 
 
 def test_a_speed_of_nothing_is_refused(capture):

@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from lidarcodec.sources.udp import socket as udp_socket
 from lidarcodec.sources.udp import source as udp
 from lidarcodec.sources.udp.source import UdpSource
 from tests.sources import captures as c
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
 
 PAYLOADS = [c.payload(k) for k in range(500)]
 
@@ -125,19 +128,19 @@ def test_packets_the_kernel_dropped_are_counted(monkeypatch, caplog):
     monkeypatch.setattr(udp, "open_socket", late)
     with open_source("udp://127.0.0.1:0?wait=0&idle=0.3") as source, sending(source) as send:
         assert "raise net.core.rmem_max" in caplog.text
-        received = len(list(source.packets()))
+        received = list(source.packets())
         send(PAYLOADS[0])  # the kernel says with the next packet what it dropped before
-        received += len(list(source.packets()))
-    assert 5 < received < 200
+        assert eventually(lambda: received.extend(source.packets()) or source.counts["strangers"], 60)
+    assert 5 < len(received) < 200
     assert source.counts["strangers"] == 1  # another port is another sender
-    assert source.counts["kernel drops"] == len(PAYLOADS) + 1 - received - source.counts["strangers"]
+    assert source.counts["kernel drops"] == len(PAYLOADS) + 1 - len(received) - source.counts["strangers"]
 
 
 def test_a_queue_that_is_full_loses_the_oldest_and_counts_them(monkeypatch):
     monkeypatch.setattr(udp, "QUEUE_PACKETS", 100)
     with open_source("udp://127.0.0.1:0?wait=0&idle=0.1") as source, sending(source) as send:
         send(*PAYLOADS)
-        time.sleep(0.1)
+        assert eventually(lambda: source._receiver.counts()[1] == 400, 60)
         assert [p.payload for p in source.packets()] == PAYLOADS[400:]
     assert source.counts["queue drops"] == 400
 
@@ -151,7 +154,7 @@ def test_nothing_is_lost_beside_busy_threads():
             sum(range(20_000))
 
     threads = [threading.Thread(target=burn) for _ in range(2)]
-    with open_source("udp://127.0.0.1:0?wait=0&idle=1") as source, sending(source) as send:
+    with open_source("udp://127.0.0.1:0?wait=0&idle=20") as source, sending(source) as send:
         for thread in threads:
             thread.start()
         try:
@@ -172,25 +175,23 @@ def test_nothing_is_lost_beside_busy_threads():
 
 @pytest.mark.parametrize("reading", [True, False])
 def test_close_from_another_thread_ends_it_promptly(reading):
-    source = open_source("udp://127.0.0.1:0?wait=0")
-    done = threading.Event()
+    def takes_s() -> float:
+        source = open_source("udp://127.0.0.1:0?wait=0")
+        thread = threading.Thread(target=lambda: list(source.packets()))
+        if reading:
+            thread.start()
+        time.sleep(0.05)
+        start = time.monotonic()
+        source.close()
+        source.close()
+        if reading:
+            thread.join(60)
+            assert not thread.is_alive()
+        took_s = time.monotonic() - start
+        assert list(source.packets()) == []
+        return took_s
 
-    def read() -> None:
-        list(source.packets())
-        done.set()
-
-    thread = threading.Thread(target=read)
-    if reading:
-        thread.start()
-    time.sleep(0.05)
-    start = time.monotonic()
-    source.close()
-    source.close()
-    assert time.monotonic() - start < 0.2
-    if reading:
-        assert done.wait(0.2)
-        thread.join()
-    assert list(source.packets()) == []
+    assert eventually(lambda: takes_s() < 0.2, 60), "at best, for the machine may be busy"
 
 
 def test_an_address_is_free_again_after_close():
@@ -203,7 +204,9 @@ def test_an_idle_time_limit_ends_it():
     with open_source("udp://127.0.0.1:0?wait=0&idle=0.05") as source, sending(source) as send:
         assert list(source.packets()) == []
         send(PAYLOADS[0])
-        assert len(list(source.packets())) == 1
+        came: list = []
+        assert eventually(lambda: came.extend(source.packets()) or came, 60)
+        assert len(came) == 1
 
 
 def test_that_nothing_comes_is_said_once_and_for_how_long_it_is_waited(monkeypatch, caplog):
@@ -250,11 +253,11 @@ def with_status(rows: np.ndarray) -> list[bytes]:
 def test_the_sensors_own_calibration_is_found_while_it_is_opened_and_no_packet_is_lost():
     sensor = generic_sensor("HDL-64E S2")
     payloads = with_status(status_bytes(sensor))
-    port = _free_port()
+    port = free_port()
 
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            time.sleep(0.1)
+            eventually(lambda: f":{port:04X} " in Path("/proc/net/udp").read_text(), 60)
             for number, payload in enumerate(payloads):
                 sock.sendto(payload, ("127.0.0.1", port))
                 if number % 50 == 0:
@@ -262,7 +265,7 @@ def test_the_sensors_own_calibration_is_found_while_it_is_opened_and_no_packet_i
 
     thread = threading.Thread(target=send)
     thread.start()
-    with open_source(f"udp://127.0.0.1:{port}?wait=10", convention="veloview") as source:
+    with open_source(f"udp://127.0.0.1:{port}?wait=60", convention="veloview") as source:
         thread.join()
         assert source.sensor.origin == "stream"
         assert source.sensor.convention == "veloview"
@@ -284,7 +287,7 @@ def test_a_calibration_that_comes_late_replaces_the_generic_one(caplog):
 
 
 def test_without_a_table_in_the_stream_opening_does_not_wait():
-    port = _free_port()
+    port = free_port()
     stop = threading.Event()
 
     def send() -> None:
@@ -296,8 +299,8 @@ def test_without_a_table_in_the_stream_opening_does_not_wait():
     thread.start()
     start = time.monotonic()
     try:
-        with open_source(f"udp://127.0.0.1:{port}?wait=20"):
-            assert time.monotonic() - start < 2.0
+        with open_source(f"udp://127.0.0.1:{port}?wait=60"):
+            assert time.monotonic() - start < 20.0
     finally:
         stop.set()
         thread.join()
@@ -324,12 +327,6 @@ def test_addresses_that_cannot_be_listened_on_say_why():
         open_source(f"udp://127.0.0.1:{source.address[1]}")
     with open_source("udp://127.0.0.1:0?wait=0&share=1") as source:
         open_source(f"udp://127.0.0.1:{source.address[1]}?wait=0&share=1").close()
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
 
 
 def test_a_receiver_without_a_socket_or_a_ring_is_refused():

@@ -11,7 +11,7 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.base import MAX_EVENT_BYTES, Priority
 
 
-def eventually(condition, limit_s=30.0):
+def eventually(condition, limit_s=60.0):
     """Wait until the condition holds. What takes long to ask is asked less often, lest it hold up what is awaited."""
     end = time.monotonic() + limit_s
     while (asked := time.monotonic()) < end:
@@ -21,8 +21,12 @@ def eventually(condition, limit_s=30.0):
     return False
 
 
-LINK_IS_FREE_S = 0.1
-"""A link has one message of a priority under way. One that follows while the machine has no time for it is dropped."""
+def comes(sender, data, arrived):
+    """Whether a message arrives; sent again until then.
+
+    A link has one message of a priority under way. One that follows while the machine has no time for it is dropped.
+    """
+    return eventually(lambda: sender.put(data) or arrived())
 
 
 def test_bytes_put_on_a_key_arrive_as_they_were(network):
@@ -30,21 +34,24 @@ def test_bytes_put_on_a_key_arrive_as_they_were(network):
     inbox = office.inbox("s/frame")
     sender = car.sender("s/frame", Priority.FRAMES)
     assert eventually(lambda: sender.matching)
-    for data in (b"", b"x", bytes(range(256)) * 600):
-        sender.put(data)
-        assert inbox.receive() == data
-        time.sleep(LINK_IS_FREE_S)
+    messages, came = (b"", b"x", bytes(range(256)) * 600), []
+    for data in messages:
+        assert comes(sender, data, lambda data=data: came.append(inbox.receive_now()) or came[-1] == data)
+    assert set(came) - {None} == set(messages)
+    assert not inbox.receive_now() or inbox.receive() == messages[-1]
 
 
 def test_a_slow_receiver_gets_the_newest_and_never_a_backlog(network):
     car, office = network(), network()
     inbox = office.inbox("s/frame")
+    heard = []
+    office.listen("s/frame", lambda key, data: heard.append(data))
     sender = car.sender("s/frame", Priority.FRAMES)
     assert eventually(lambda: sender.matching)
     for number in range(50):
         sender.put(b"%d" % number)
         time.sleep(0.002)
-    time.sleep(0.2)
+    assert comes(sender, b"49", lambda: heard.count(b"49") > 1), "so the first of the two is in the inbox, too"
     assert inbox.receive() == b"49"
 
 
@@ -55,8 +62,7 @@ def test_nobody_receives_what_they_sent_themselves(network):
     car.listen("s/**", lambda key, data: heard.append(data))
     sender = car.sender("s/frame", Priority.FRAMES)
     assert eventually(lambda: sender.matching)
-    sender.put(b"mine")
-    assert other.receive() == b"mine"
+    assert comes(sender, b"mine", lambda: other.receive_now() == b"mine")
     got = []
     thread = threading.Thread(target=lambda: got.append(own.receive()))
     thread.start()
@@ -64,7 +70,7 @@ def test_nobody_receives_what_they_sent_themselves(network):
     assert not got
     assert not heard
     own.close()
-    thread.join(2)
+    thread.join(60)
     assert got == [None]
 
 
@@ -76,7 +82,7 @@ def test_closing_ends_a_receive_that_waits(network):
         thread.start()
         time.sleep(0.05)
         (one if close_transport else inbox).close()
-        thread.join(2)
+        thread.join(60)
         assert got == [None]
         one.close()
 
@@ -102,10 +108,9 @@ def test_small_events_reach_a_listener_on_an_expression_with_their_keys(network)
     for name in ("a", "b"):
         sender = office.sender(f"s/arrived/{name}", Priority.REAL_TIME)
         assert eventually(lambda sender=sender: sender.matching)
-        sender.put(name.encode())
-        time.sleep(LINK_IS_FREE_S)
-    assert eventually(lambda: len(heard) == 2), heard
-    assert sorted(heard) == [("s/arrived/a", b"a"), ("s/arrived/b", b"b")]
+        event = (f"s/arrived/{name}", name.encode())
+        assert comes(sender, event[1], lambda event=event: event in heard), heard
+    assert set(heard) == {("s/arrived/a", b"a"), ("s/arrived/b", b"b")}
     listener.close()
 
 
@@ -121,11 +126,16 @@ def test_an_event_beyond_the_limit_is_dropped_and_a_handler_that_fails_does_not_
     car.listen("s/report", fragile)
     sender = office.sender("s/report", Priority.STATUS)
     assert eventually(lambda: sender.matching)
-    for data in (bytes(MAX_EVENT_BYTES + 1), b"bad", b"bad", b"good"):
-        sender.put(data)
-        time.sleep(0.05)
-    assert eventually(lambda: heard == [b"good"])
-    assert [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")] == ["WARNING", "ERROR"]
+
+    def said():
+        return [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")]
+
+    assert comes(sender, bytes(MAX_EVENT_BYTES + 1), lambda: said() == ["WARNING"])
+    assert comes(sender, b"bad", lambda: said() == ["WARNING", "ERROR"])
+    sender.put(b"bad")
+    assert comes(sender, b"good", lambda: heard)
+    assert set(heard) == {b"good"}
+    assert said() == ["WARNING", "ERROR"]
 
 
 def test_long_events_on_ever_new_keys_are_said_once(network, caplog):
@@ -136,10 +146,11 @@ def test_long_events_on_ever_new_keys_are_said_once(network, caplog):
     for number in range(5):
         sender = office.sender(f"s/arrived/{number}", Priority.STATUS)
         assert eventually(lambda sender=sender: sender.matching)
-        sender.put(bytes(MAX_EVENT_BYTES + 1))
-        time.sleep(0.05)
-    sender.put(b"good")
-    assert eventually(lambda: heard == [b"good"])
+        for _ in range(3):
+            sender.put(bytes(MAX_EVENT_BYTES + 1))
+            time.sleep(0.02)
+    assert comes(sender, b"good", lambda: heard)
+    assert set(heard) == {b"good"}
     assert [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")] == ["WARNING"]
 
 
@@ -150,8 +161,8 @@ def test_a_query_is_answered_and_one_that_is_not_ends_without_waiting(network):
     assert eventually(lambda: office.ask("s/control/get", b"hello") == b"you said hello")
     for key in ("s/control/bad", "s/control/nobody"):
         start = time.monotonic()
-        assert office.ask(key, timeout_s=3.0) is None
-        assert time.monotonic() - start < 1.0
+        assert office.ask(key, timeout_s=60.0) is None
+        assert time.monotonic() - start < 20.0
     answering.close()
     assert eventually(lambda: office.ask("s/control/get") is None)
 
@@ -202,8 +213,7 @@ def test_what_is_attached_for_others_changes_nothing_for_us(network):
     inbox = far.inbox("s/frame")
     sender = near.sender("s/frame", Priority.FRAMES)
     assert eventually(lambda: sender.matching)
-    sender.put(b"points", b"beside")
-    assert inbox.receive() == b"points"
+    assert eventually(lambda: sender.put(b"points", b"beside") or inbox.receive_now() == b"points")
 
 
 @pytest.mark.parametrize("key", ["", "/a", "a//b", "a/", "a/*", "a/b*", "a?b", "a/$*"])
@@ -217,10 +227,10 @@ def test_queries_on_all_keys_under_one_are_answered_and_others_are_left(network)
     office, car = network(), network()
     office.answer_under("s/@maps/**", lambda key, data: None if "other" in key else key.encode() + data)
     assert eventually(lambda: car.ask("s/@maps/town/3/-2", b"!") == b"s/@maps/town/3/-2!")
-    assert car.ask("s/@maps", b"") == b"s/@maps"
+    assert car.ask("s/@maps", b"", 20.0) == b"s/@maps"
     begun_s = time.monotonic()
-    assert car.ask("s/@maps/other", b"", 20.0) is None
-    assert time.monotonic() - begun_s < 10.0
+    assert car.ask("s/@maps/other", b"", 60.0) is None
+    assert time.monotonic() - begun_s < 20.0
     assert office.ask("s/@maps/town", b"", 0.2) is None
     with pytest.raises(TransportError, match="wildcards"):
         car.ask("s/@maps/*")

@@ -20,7 +20,7 @@ from lidarcodec.transport.base import Priority
 from tests.conftest import ROOT
 from tests.transport.conftest import free_port
 from tests.transport.router import Router
-from tests.transport.test_contract import eventually
+from tests.transport.test_contract import comes, eventually
 
 
 class Node:
@@ -57,20 +57,20 @@ def test_processes_find_each_other_whoever_started_first_and_whoever_was_killed(
     try:
         for name in "abc":
             nodes[name] = Node(name, port)
-            assert nodes[name].ready.wait(20)
+            assert nodes[name].ready.wait(60)
         for name in "abc":
             assert eventually(lambda name=name: nodes[name].seen == set("abc")), (name, nodes[name].seen)
         nodes.pop("a").kill()  # it kept the meeting point
         for name, other in (("b", "c"), ("c", "b")):
             assert eventually(lambda name=name, other=other: nodes[name].seen == {name, other})
         nodes["d"] = Node("d", port)
-        assert eventually(lambda: nodes["d"].seen == set("bcd"), 10)
+        assert eventually(lambda: nodes["d"].seen == set("bcd"))
         assert eventually(lambda: nodes["b"].seen == set("bcd"))
         for name in "bcd":
             nodes.pop(name).kill()
         for name in "ef":
             nodes[name] = Node(name, port)
-        assert eventually(lambda: nodes["e"].seen == nodes["f"].seen == set("ef"), 10)
+        assert eventually(lambda: nodes["e"].seen == nodes["f"].seen == set("ef"))
     finally:
         for node in nodes.values():
             node.kill()
@@ -81,17 +81,16 @@ def test_many_that_start_at_once_all_meet():
     nodes = {name: Node(name, port) for name in "abcd"}
     try:
         for name, node in nodes.items():
-            assert eventually(lambda node=node: node.seen == set("abcd"), 20), (name, node.seen)
+            assert eventually(lambda node=node: node.seen == set("abcd")), (name, node.seen)
     finally:
         for node in nodes.values():
             node.kill()
 
 
-def sees(sender, inbox):
+def sees(sender, inbox, word=b"hello"):
     """Whether what is sent arrives."""
     assert eventually(lambda: sender.matching)
-    sender.put(b"hello")
-    return inbox.receive() == b"hello"
+    return comes(sender, word, lambda: inbox.receive_now() == word)
 
 
 def test_a_client_waits_for_its_router_and_comes_back_after_the_router_was_away():
@@ -108,7 +107,7 @@ def test_a_client_waits_for_its_router_and_comes_back_after_the_router_was_away(
     assert not opened
     router = open_transport(Endpoints.of(listen=endpoint, mode="router"))
     for thread in threads:
-        thread.join(10)
+        thread.join(60)
     car, office = opened
     try:
         inbox, sender = office.inbox("s/frame"), car.sender("s/frame", Priority.FRAMES)
@@ -116,7 +115,7 @@ def test_a_client_waits_for_its_router_and_comes_back_after_the_router_was_away(
         router.close()
         assert eventually(lambda: not sender.matching)
         router = open_transport(Endpoints.of(listen=endpoint, mode="router"))
-        assert sees(sender, inbox)
+        assert sees(sender, inbox, b"again")
     finally:
         for one in (car, office, router):
             one.close()
@@ -128,7 +127,7 @@ def test_waiting_for_a_router_ends_when_it_should():
     start = time.monotonic()
     with pytest.raises(TransportError):
         open_transport(Endpoints.of(connect=f"tcp/127.0.0.1:{free_port()}"), stop=stop)
-    assert time.monotonic() - start < 3
+    assert time.monotonic() - start < 20
 
 
 def test_a_whole_configuration_file_is_used_as_it_is(tmp_path):
@@ -199,7 +198,7 @@ def test_one_that_listens_and_connects_finds_a_partner_that_comes_later():
     with open_transport(Endpoints.of(listen=here, connect=there)) as early:
         time.sleep(1.0)  # the first attempts fail
         with open_transport(Endpoints.of(listen=there)):
-            assert eventually(lambda: early.connected, 10)
+            assert eventually(lambda: early.connected)
 
 
 def test_processes_meet_when_a_hung_one_that_kept_the_meeting_point_goes_on():
@@ -207,15 +206,15 @@ def test_processes_meet_when_a_hung_one_that_kept_the_meeting_point_goes_on():
     port = free_port()
     nodes = {"a": Node("a", port)}
     try:
-        assert nodes["a"].ready.wait(20)
+        assert nodes["a"].ready.wait(60)
         nodes["a"].process.send_signal(signal.SIGSTOP)
         for name in "bc":
             nodes[name] = Node(name, port)
-            assert nodes[name].ready.wait(20)
+            assert nodes[name].ready.wait(60)
         time.sleep(1.0)
         nodes["a"].process.send_signal(signal.SIGCONT)
         for name in "abc":
-            assert eventually(lambda name=name: nodes[name].seen == set("abc"), 20), (name, nodes[name].seen)
+            assert eventually(lambda name=name: nodes[name].seen == set("abc")), (name, nodes[name].seen)
     finally:
         for node in nodes.values():
             node.kill()
@@ -235,7 +234,7 @@ def test_when_one_of_two_routers_is_killed_what_went_through_it_goes_through_the
                 sender.put(word)
                 return word in heard
 
-            return eventually(one, 20)
+            return eventually(one)
 
         assert comes(b"both")
         routers.pop(0).kill()
