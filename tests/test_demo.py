@@ -61,7 +61,7 @@ def address_in(text: str) -> str:
 
 def alive(url: str) -> bool:
     try:
-        return [row["vehicle"] for row in asking.get(f"{url}/api/v1/fleet", timeout=5).json() if row["alive"]] == [
+        return [row["vehicle"] for row in asking.get(f"{url}/api/v1/fleet", timeout=60).json() if row["alive"]] == [
             "demo"
         ]
     except httpx.HTTPError:
@@ -70,7 +70,7 @@ def alive(url: str) -> bool:
 
 def gone(url: str) -> bool:
     try:
-        asking.get(f"{url}/healthz", timeout=5)
+        asking.get(f"{url}/healthz", timeout=60)
     except httpx.ConnectError:
         return True
     return False

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.commands.publish.command import say_begun
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 from tests.commands.test_json import check
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 PIPE_TO_NOBODY = "{} | true; exit ${{PIPESTATUS[0]}}"
@@ -61,7 +61,7 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     published = run(*publish(capture, endpoint, "--rate", "max"))
     assert published.returncode == 0, published.stderr
     assert published.stdout.startswith("car/roof: 12 frames")
-    out, complaints = receiving.communicate(timeout=30)
+    out, complaints = receiving.communicate(timeout=90)
     assert receiving.returncode == 0, complaints
     summary = json.loads(out)
     assert (summary["frames"], summary["errors"]) == (12, {})
@@ -74,9 +74,9 @@ def test_a_stream_that_is_not_there_is_said_and_waited_for_and_a_loop_goes_on(ca
     said = receiving.stderr.readline()
     assert "nobody publishes car/roof yet; waiting" in said
     sending = start(*publish(capture, endpoint, "--rate", "40", "--loop", "--json"))
-    out, complaints = receiving.communicate(timeout=40)
+    out, complaints = receiving.communicate(timeout=60)
     sending.terminate()
-    told, wrong = sending.communicate(timeout=30)
+    told, wrong = sending.communicate(timeout=90)
     assert (receiving.returncode, sending.returncode) == (0, 0), complaints + wrong
     summary, (status,) = json.loads(out), json.loads(told)["streams"]
     check("subscribe", summary)
@@ -100,7 +100,7 @@ def test_a_live_stream_is_converted_to_points(capture, endpoint, tmp_path):
 def test_fewer_frames_than_were_asked_for_are_an_error(capture, endpoint, subscriber):
     receiving = subscriber("--until-end", "--frames", "100")
     assert run(*publish(capture, endpoint, "--rate", "max")).returncode == 0
-    out, complaints = receiving.communicate(timeout=30)
+    out, complaints = receiving.communicate(timeout=90)
     assert (receiving.returncode, json.loads(out)["frames"]) == (1, 12)
     assert "only 12 of 100 frames came" in complaints
 
@@ -110,7 +110,7 @@ def test_a_recording_that_stopped_is_told_by_the_exit_code_of_both_sides(capture
     in_the_way.write_text("no folder")
     receiving = subscriber("--until-end", "--record", in_the_way)
     published = run(*publish(capture, endpoint, "--rate", "max", "--record", in_the_way))
-    out, complaints = receiving.communicate(timeout=30)
+    out, complaints = receiving.communicate(timeout=90)
     assert json.loads(out)["frames"] == 12  # what was received is told all the same
     assert published.stdout.startswith("car/roof: 12 frames")
     for code, said in ((published.returncode, published.stderr), (receiving.returncode, complaints)):
@@ -131,9 +131,9 @@ def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(c
             publishing.send_signal(signal.SIGKILL)
             publishing.communicate()
     with start(*publish(capture, endpoint, "--rate", 10)) as publishing:
-        out, complaints = receiving.communicate(timeout=30)
+        out, complaints = receiving.communicate(timeout=90)
         publishing.send_signal(signal.SIGTERM)
-        publishing.communicate(timeout=20)
+        publishing.communicate(timeout=90)
     assert receiving.returncode == 0, complaints
     summary = json.loads(out)
     assert summary["frames"] >= 8
@@ -150,11 +150,11 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
             time.sleep(0.1)  # until some frames have come, however slow the machine is
         publishing.send_signal(number)
         publishing.send_signal(signal.SIGTERM)  # `timeout`, for one, makes two signals of one
-        said, complaints = publishing.communicate(timeout=20)
+        said, complaints = publishing.communicate(timeout=90)
     assert publishing.returncode == 0, complaints
     assert "frames in" in said
     receiving.send_signal(number)
-    out, complaints = receiving.communicate(timeout=20)
+    out, complaints = receiving.communicate(timeout=90)
     assert receiving.returncode == 0, complaints
     assert json.loads(out)["frames"] > 0
 
@@ -235,7 +235,7 @@ def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ende
     kept = tmp_path / "kept"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
         sensor.bind(("127.0.0.1", 0))
-        port = sensor.getsockname()[1] + 1
+        port = free_port()
         process = start("publish", f"udp://127.0.0.1:{port}", "--record", kept, "--record-as", record_as)
         try:
             assert eventually(lambda: f":{port:04X} " in Path("/proc/net/udp").read_text(), 60)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.apps.demo.processes import free_port
 from tests.command_line import environment
+from tests.transport.conftest import free_port
 from tools import notebooks
 
 SLOW = {"training", "bits-and-error"}

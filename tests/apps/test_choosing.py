@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from lidarcodec.apps.publisher import choosing
 from lidarcodec.apps.publisher.choosing import LONGEST_S, CodecChooser, encode_ms
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
@@ -40,13 +41,14 @@ def chosen_with(interval_s, frame):
     return chooser, told[0][1]
 
 
-def test_the_best_codec_is_taken_where_there_is_time_and_the_quickest_where_there_is_none():
+def test_the_best_codec_is_taken_where_there_is_time_and_the_quickest_where_there_is_none(monkeypatch):
     frame = frame_of_a_drive()
     chooser, codec = chosen_with(PLENTY_S, frame)
     assert codec == ranked(AUTO)[0]
     state = chooser.state(codec)
     assert state["codec"] == codec
     assert list(state["encode_ms"]) == [codec], "no other one had to be tried"
+    monkeypatch.setattr(choosing, "LONGEST_S", 30.0)  # a busy machine tries one only in the time that there is else
     chooser, codec = chosen_with(NONE_S, frame)
     state = chooser.state(codec)
     assert codec == min(state["encode_ms"], key=state["encode_ms"].get)
@@ -89,7 +91,7 @@ def test_trying_out_takes_no_longer_than_it_may():
 
 def test_a_stream_says_which_codec_it_chose_and_is_decoded_all_the_way(network):
     with publisher(network, None, AUTO, rate=10.0) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         assert eventually(lambda: car.status()["codec_choice"]["budget_ms"] is not None)
         status = car.status()
         assert status["settings"]["codec"] == car.settings.codec == "auto"
@@ -100,10 +102,10 @@ def test_a_stream_says_which_codec_it_chose_and_is_decoded_all_the_way(network):
             assert applied.settings.codec == change.get("codec", "auto")
             assert (car.status()["codec_choice"] is None) == (applied.settings.codec != "auto")
             for _ in range(5):
-                assert stream.next(30)
+                assert stream.next(60)
         assert eventually(lambda: car.status()["codec_choice"]["budget_ms"] is not None)
         assert car.status()["codec"] in ranked(car.settings)
-        assert stream.next(30)
+        assert stream.next(60)
         assert stream.summary()["errors"] == {}
 
 

@@ -193,12 +193,12 @@ def test_a_clock_that_is_set_in_mid_stream_freezes_nothing(who, caplog):
     with caplog.at_level(logging.WARNING), network.transport() as one, network.transport() as other:
         car = Publisher(Loop(), rate=20.0, transport=one, clock=hosts["vehicle"].clock)
         with car, subscribe("vehicle/lidar", transport=other, clock=hosts["receiver"].clock) as live:
-            assert eventually(lambda: live.next(5) and live.summary()["clock"]["state"] != "unknown", 10)
+            assert eventually(lambda: live.next(5) and live.summary()["clock"]["state"] != "unknown")
             for by_s in (3600, -7200):
                 hosts[who].by_ns += by_s * 10**9
                 frames = live.stats.counts["frames"]
-                assert eventually(lambda frames=frames: live.next(5) and live.stats.counts["frames"] > frames + 5, 20)
-                assert eventually(lambda: live.next(5) and 0 < live.stats.latency_ms.recent()[-1] < 1500, 20)
+                assert eventually(lambda frames=frames: live.next(5) and live.stats.counts["frames"] > frames + 5)
+                assert eventually(lambda: live.next(5) and 0 < live.stats.latency_ms.recent()[-1] < 1500)
             summary = live.summary()
             assert summary["clock"]["state"] == "corrected"
             assert summary["clock"]["jumps"] >= 1

@@ -11,7 +11,6 @@ import time
 import pytest
 
 from lidarcodec.apps import health
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.health import HealthFile, SensorState, complaints
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.errors import SettingsError, SourceError
@@ -19,6 +18,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints
 from tests.apps.streams import Loop
 from tests.command_line import run, run_here, start, the_one_line
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 

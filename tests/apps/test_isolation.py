@@ -184,7 +184,7 @@ def test_a_process_that_died_unasked_costs_no_frame(ends):
     pair.encoder.encode(SCENES[0])
     pid = pair.sender.state()["pid"]
     os.kill(pid, signal.SIGKILL)
-    assert eventually(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None, 30)
+    assert eventually(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None)
     assert [message.key for message in pair.encoder.encode(SCENES[1])] == [True]
     assert pair.sender.restarts == 1
 
@@ -293,7 +293,7 @@ def test_the_process_ends_with_a_stream_that_was_killed(busy):
         parent.kill()
     if busy:
         os.kill(pid, signal.SIGCONT)
-    assert eventually(lambda: gone(pid), 30)
+    assert eventually(lambda: gone(pid))
 
 
 def test_an_unknown_choice_is_refused(monkeypatch):

@@ -49,7 +49,7 @@ def ends():
         watching = Watching(office)
         with Publisher(Loop(), SETTINGS, transport=car, rate=40.0) as publisher:
             watching.receiver.start()
-            assert eventually(lambda: len(watching.frames) > 5, 30)
+            assert eventually(lambda: len(watching.frames) > 5)
             yield publisher, watching
             watching.receiver.close()
 
@@ -59,7 +59,7 @@ def test_one_that_was_asked_for_comes_though_frames_decode_meanwhile(ends):
     for _ in range(3):
         before = len(watching.keys)
         watching.receiver.request_key()
-        assert eventually(lambda before=before: len(watching.keys) > before, 30)
+        assert eventually(lambda before=before: len(watching.keys) > before)
 
 
 def test_whoever_asks_just_after_one_has_come_gets_another(ends):
@@ -76,4 +76,4 @@ def test_whoever_asks_just_after_one_has_come_gets_another(ends):
         asked.clear()
         watching.at_key = ask_once
         publisher.request_key()
-        assert eventually(lambda: asked and watching.keys[-1] > asked[0], 30)
+        assert eventually(lambda: asked and watching.keys[-1] > asked[0])

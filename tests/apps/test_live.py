@@ -47,18 +47,18 @@ def test_a_late_subscriber_begins_with_a_key_frame_at_once(network):
     with publisher(network, rate=20.0, settings=StreamSettings(key_interval=10_000)) as car:
         with live(network) as first:
             for _ in range(5):
-                assert first.next(30)
+                assert first.next(60)
             start = time.monotonic()
             with live(network) as late:
-                assert late.next(30)
-                assert time.monotonic() - start < 10  # the next key frame by itself would come in eight minutes
+                assert late.next(60)
+                assert time.monotonic() - start < 60  # the next key frame by itself would come in eight minutes
                 assert late.summary()["errors"] == {}
         assert car.status()["key_frames"] >= 2
 
 
 def test_requests_for_key_frames_are_merged(network):
     with publisher(network, rate=60.0, settings=StreamSettings(key_interval=10_000)) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         end = network.end()
         time.sleep(0.6)
         before, begin = car.status()["key_frames"], time.monotonic()
@@ -72,7 +72,7 @@ def test_a_target_is_kept_and_the_status_says_what_is_in_reach(network):
     with publisher(network, rate=20.0, settings=StreamSettings(intensity="off", target_kbps=4000)) as car:
         with live(network) as stream:
             for _ in range(20):
-                assert stream.next(30)
+                assert stream.next(60)
         rate = car.status()["rate"]
         assert rate["target_kbps"] == 4000
         low, high = rate["reachable_kbps"]
@@ -87,7 +87,7 @@ def test_frames_that_a_target_did_not_carry_are_counted(network):
     everything = StreamSettings(intensity="lossless", reduction="all", target_kbps=100)
     with publisher(network, rate=20.0, settings=everything) as car:
         with live(network) as stream:
-            assert stream.next(30)
+            assert stream.next(60)
             assert eventually(lambda: car.status()["left_out"] > 5)
         status = car.status()
         ended = sum(status[name] for name in ("frames", "replaced", "no_receiver", "left_out"))
@@ -99,8 +99,9 @@ def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(ne
     with publisher(network, settings=quick, rate=60.0) as car, live(network) as stream:
         indices = []
         while len(indices) < 4 or (stream.replaced <= 5 and len(indices) < 40):
-            indices.append(stream.next(30).index)
-            time.sleep(0.2)
+            indices.append(stream.next(60).index)
+            sent = car.status()["frames"]
+            assert eventually(lambda sent=sent: car.status()["frames"] >= sent + 4)
         assert stream.replaced > 5
         assert indices[-1] - indices[0] > 10
         sent = car.status()
@@ -113,12 +114,12 @@ def test_a_consumer_that_wants_every_frame_slows_the_publisher_down(network):
     Such a gap costs no reference, so it must not cost a key frame either, which is dear on a path that is too slow."""
     settings = StreamSettings(key_interval=10_000, codec_settings={"mask_history": True})
     with publisher(network, settings=settings, rate=60.0) as car, live(network, newest=False) as stream:
-        indices = []
-        for _ in range(8):
-            indices.append(stream.next(30).index)
-            time.sleep(0.2)
-        assert car.status()["replaced"] > 5
-        assert car.status()["key_frames"] <= 2
+        assert stream.next(60)
+        keys = car.status()["key_frames"]
+        for number in range(8):
+            assert stream.next(60)
+            assert eventually(lambda number=number: car.status()["replaced"] > number)
+        assert car.status()["key_frames"] <= keys + 1, "one that was asked for at the beginning may be under way"
         assert stream.replaced == 0
         assert stream.stats.counts["missing"] > 5
         assert stream.summary()["errors"] == {}
@@ -126,12 +127,12 @@ def test_a_consumer_that_wants_every_frame_slows_the_publisher_down(network):
 
 def test_settings_change_between_two_frames(network):
     with publisher(network) as car, live(network, newest=False) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         end = network.end()
         answer = json.loads(end.ask(KEYS.control_set, json.dumps({"codec": "zstd", "max_error_m": None}).encode()))
         assert answer["applied"]["codec"] == "zstd"
         assert answer["key"] is True
-        got = [stream.next(30) for _ in range(10)]
+        got = [stream.next(60) for _ in range(10)]
         assert got[-1].index > answer["first_frame"]
         assert stream.summary()["errors"] == {}
         assert car.settings.codec == "zstd"
@@ -181,17 +182,17 @@ def test_no_frame_before_the_first_has_what_was_changed_with_the_framing(network
 )
 def test_a_change_that_is_not_allowed_is_refused_by_name_and_changes_nothing(network, query, field):
     with publisher(network) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         answer = json.loads(network.end().ask(KEYS.control_set, json.dumps(query).encode()))
         assert answer["field"] == field
         assert answer["error"]
         assert car.settings == StreamSettings()
-        assert stream.next(30)
+        assert stream.next(60)
 
 
 def test_a_frame_that_cannot_be_encoded_costs_that_frame_only(network, monkeypatch, caplog):
     with publisher(network) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         encode, left = car._coding.encoder.encode, [3]
 
         def failing(frame, *, key=False):
@@ -202,15 +203,15 @@ def test_a_frame_that_cannot_be_encoded_costs_that_frame_only(network, monkeypat
 
         monkeypatch.setattr(car._coding.encoder, "encode", failing)
         assert eventually(lambda: left == [0])
-        index = stream.next(30).index
-        assert eventually(lambda: (frame := stream.next(30)) is not None and frame.index > index)
+        index = stream.next(60).index
+        assert eventually(lambda: (frame := stream.next(60)) is not None and frame.index > index)
         assert car.status()["errors"] == {"encode errors": 3}
     assert sum("no such luck" in record.message for record in caplog.records) == 1
 
 
 def test_hostile_bytes_on_every_key_are_counted_and_the_stream_goes_on(network):
     with publisher(network) as car, live(network, receiver="office") as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         stranger = network.end()
         for key in (KEYS.frame, KEYS.arrived("office"), KEYS.arrived("x"), KEYS.report("office"), KEYS.status):
             sender = stranger.sender(key, Priority.STATUS)
@@ -220,7 +221,7 @@ def test_hostile_bytes_on_every_key_are_counted_and_the_stream_goes_on(network):
             for data in (b"{", b"[1]", b"\xff\xff", b'{"a": ' * 5000, b'{"ping": NaN}', b'{"ping": 1e999}'):
                 assert b"error" in stranger.ask(key, data)
         for _ in range(3):
-            assert stream.next(30)
+            assert stream.next(60)
         assert car.status()["errors"] == {}
         frames = stranger.sender(KEYS.frame, Priority.FRAMES)  # the ring holds one: a frame may have taken the place
         assert eventually(lambda: frames.put(b"{") or stream.summary()["errors"].get("decode_errors"))
@@ -231,7 +232,7 @@ def test_a_subscriber_goes_on_with_a_publisher_that_was_started_again(network):
         for _ in range(2):
             with publisher(network) as car:
                 assert eventually(
-                    lambda car=car: stream.next(30) is not None and stream.stats.stream_id == car.stream_id
+                    lambda car=car: stream.next(60) is not None and stream.stats.stream_id == car.stream_id
                 )
             assert eventually(lambda: not stream.alive)
         assert stream.stats.counts["restarts"] == 1
@@ -245,11 +246,11 @@ def test_two_publishers_of_one_name_are_told(network, caplog):
 
 def test_a_fault_in_a_decoder_costs_that_message_only(network, monkeypatch, caplog):
     with publisher(network), live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         monkeypatch.setattr(stream._receiver._decoder, "decode", lambda message: 1 / 0)
         assert eventually(lambda: stream.summary()["errors"] == {"decode_errors": 1})
-        assert stream.next(30)
-        assert stream.next(30)
+        assert stream.next(60)
+        assert stream.next(60)
     assert "could not be decoded" in caplog.text
 
 
@@ -280,7 +281,7 @@ def test_nobody_receives_so_nothing_is_encoded_and_it_says_so(network):
         assert eventually(lambda: car.status()["no_receiver"] > 5)
         assert car.status()["encode_ms"]["count"] == 0
         with live(network) as stream:
-            assert stream.next(30)
+            assert stream.next(60)
 
 
 def test_frames_beyond_an_age_are_not_given_out(network):
@@ -292,7 +293,7 @@ def test_frames_beyond_an_age_are_not_given_out(network):
 def test_latency_is_measured_from_the_last_packet_and_never_from_a_recording(network):
     with publisher(network, rate=20.0), live(network) as stream:
         for _ in range(5):
-            assert stream.next(30)
+            assert stream.next(60)
         assert 0 < stream.summary()["latency_ms"]["p50"] < 30_000  # of a recording it would be years
     with live(network, newest=False, until_end=True) as stream:
         with publisher(network, 2, rate="max"):

@@ -46,7 +46,7 @@ def test_run_ends_soon_when_interrupted(network):
 
 def test_the_status_and_the_report_reach_the_other_side(network):
     with publisher(network, rate=20.0) as car, live(network, receiver="office") as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         assert eventually(lambda: ((stream.status or {}).get("reports") or {}).get("office", {}).get("frames"), 6)
         told = stream.status
         assert told["stream_id"] == f"{car.stream_id:016x}"
@@ -119,7 +119,7 @@ async def test_a_coroutine_that_waits_ends_with_the_stream(network):
 def test_every_field_of_status_and_report_is_documented(network):
     text = (ROOT / "docs" / "live.md").read_text()
     with publisher(network, rate=20.0) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         names = {*car.status(), *car.status()["flight"], *COUNTED, *stream.summary()}
         names -= {"errors", "udp", "recording"} & set(stream.summary())
     for name in names:
@@ -136,7 +136,7 @@ def test_a_path_that_repeats_the_past_does_not_show_it_as_the_present(network, n
         kept, indices, repeats = [], [], 0
         while repeats < 5:
             kept.append(inbox.receive())
-            indices.append(stream.next(30).index)
+            indices.append(stream.next(60).index)
             if len(kept) > 2 * REMEMBERED and len(kept) % 8 == 0:
                 again.put(kept[0])
                 repeats += 1
@@ -156,7 +156,7 @@ def test_a_frame_number_far_ahead_bars_what_follows_for_a_second_at_most(network
         publisher(network, settings=StreamSettings(codec="raw", framing="packets:8"), rate=50.0),
         live(network) as stream,
     ):
-        assert stream.next(30)
+        assert stream.next(60)
         true = wire.unpack(inbox.receive())
         forgeries = [wire.pack(dataclasses.replace(true, frame_index=2**62 + number)) for number in range(count)]
 
@@ -166,10 +166,10 @@ def test_a_frame_number_far_ahead_bars_what_follows_for_a_second_at_most(network
             return stream.stats.counts["jumps"] > 0
 
         assert eventually(arrived)
-        while stream.next(30).index < 2**62:
+        while stream.next(60).index < 2**62:
             pass
-        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62, 10)
-        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62, 10)
+        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62)
+        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62)
         assert stream.stats.counts["missing"] < 100_000
     inbox.close()
 
@@ -180,13 +180,13 @@ def test_an_earlier_run_is_not_shown_among_frames_of_the_present_one(network):
     inbox, again = end.inbox(KEYS.frame), end.sender(KEYS.frame, Priority.FRAMES)
     settings = StreamSettings(codec="raw", framing="packets:8", key_interval=1)
     with publisher(network, settings=settings, rate=50.0), live(network) as stream:
-        begin_ns = stream.next(30).stamp_ns
+        begin_ns = stream.next(60).stamp_ns
         true = wire.unpack(inbox.receive())
         earlier = dataclasses.replace(true, stream_id=true.stream_id ^ 1, stamp_ns=true.stamp_ns - 80 * 10**9)
         shown = []
         for number in range(300):
             again.put(wire.pack(dataclasses.replace(earlier, frame_index=number)))
-            shown.append(stream.next(30).stamp_ns)
+            shown.append(stream.next(60).stamp_ns)
             if len(shown) > 30 and stream.stats.counts["stale"] > 5:
                 break
         assert stream.stats.counts["stale"] > 5
@@ -205,7 +205,7 @@ def test_a_live_view_does_not_go_back_to_a_frame_that_came_late(network):
             sender.put(messages[number])
             assert eventually(lambda came=came: stream.stats.counts["frames"] == came + 1)
             if number != 2:
-                shown.append(stream.next(30).index)
+                shown.append(stream.next(60).index)
         assert shown == [0, 1, 3, 4]
         assert [stream.stats.counts[name] for name in ("stale", "out_of_order", "missing")] == [1, 1, 1]
 
@@ -229,7 +229,7 @@ def test_a_message_that_comes_twice_is_decoded_once(network):
         indices = []
         for _ in range(6):
             again.put(inbox.receive())
-            indices.append(stream.next(30).index)
+            indices.append(stream.next(60).index)
         assert indices == sorted(set(indices))
         assert eventually(lambda: stream.stats.counts["duplicates"] > 0)
         assert stream.summary()["errors"] == {}

@@ -32,7 +32,7 @@ def received(settings: StreamSettings, harm: Harm) -> Iterator[tuple[Publisher, 
         with Publisher(Loop(), settings, transport=car, rate=20.0) as publisher:
             receiver.start()
             try:
-                assert eventually(lambda: len(indices) > 10, 30)
+                assert eventually(lambda: len(indices) > 10)
                 between.begin()
                 yield publisher, receiver, between, indices
             finally:
@@ -48,7 +48,7 @@ def test_what_arrives_is_decoded_without_key_frames(codec, way):
     with received(settings, Harm(loss=0.2, **way)) as (publisher, receiver, between, indices):
         before = publisher.status()["key_frames"]
         begun = len(indices)
-        assert eventually(lambda: between.dropped >= 4 and len(indices) > begun + 12, 30)
+        assert eventually(lambda: between.dropped >= 4 and len(indices) > begun + 12)
         errors, status = receiver.errors, publisher.status()
     assert not errors
     assert status["key_frames"] == before
@@ -58,7 +58,7 @@ def test_a_lost_picture_is_answered_by_one_that_needs_no_other():
     settings = StreamSettings(codec="h264", key_interval=100_000)
     with received(settings, Harm(loss=0.2)) as (publisher, receiver, between, indices):
         begun = len(indices)
-        assert eventually(lambda: between.dropped >= 4 and len(indices) > begun + 12, 30)
+        assert eventually(lambda: between.dropped >= 4 and len(indices) > begun + 12)
         errors, status = receiver.errors, publisher.status()
     assert errors["missing_references"] <= between.dropped
     assert status["key_frames"] >= 4

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.notify import Manager, told_ready
 from tests.command_line import run_here, start
+from tests.transport.conftest import free_port
 
 LIMIT_S = 60.0
 

@@ -13,7 +13,6 @@ from contextlib import contextmanager
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.assembly import packets_of
@@ -28,6 +27,7 @@ from tests.codecs.test_other_sensors import FILES, disturbed, opened
 from tests.command_line import run, start, the_one_line
 from tests.sensors.captures import CAPTURES
 from tests.sweeps import sampled
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 SENSORS = ["vlp16", "vlp32c", "pandar40p", "xt32m", "OS-1-128"]
@@ -146,15 +146,15 @@ def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packet
         with sensor(payloads, listening), sensor(sent_by(data_file(CAPTURES["xt16"])), listening, "127.0.0.2"):
             sending = start("publish", where, "--vehicle", "car", "--sensor", "roof", "--connect", endpoint)
             try:
-                assert eventually(lambda: len(driver.payloads) > 300, 15)
+                assert eventually(lambda: len(driver.payloads) > 300)
             finally:
                 sending.terminate()
-                _, said = sending.communicate(timeout=30)
+                _, said = sending.communicate(timeout=60)
         assert set(driver.payloads) <= set(payloads)
         assert "refused" in said
     finally:
         receiving.terminate()
-        out, complaints = receiving.communicate(timeout=30)
+        out, complaints = receiving.communicate(timeout=60)
     assert json.loads(out)["errors"] == {}, complaints
 
 
@@ -183,13 +183,13 @@ def test_a_target_is_followed_while_the_stream_runs(data_file):
         Publisher(source, settings, transport=network.transport()) as car,
     ):
         frames = iter(stream)
-        assert eventually(lambda: next(frames) and (car.status()["rate"] or {}).get("reachable_kbps"), 20)
+        assert eventually(lambda: next(frames) and (car.status()["rate"] or {}).get("reachable_kbps"))
         status = car.status()
         assert status["images"]["spacing"] == 1.2
         low, high = status["rate"]["reachable_kbps"]
         assert low < 300 < high
         car.change(intensity="levels=4", reduction="random", keep_fraction=0.5, target_kbps=200)
-        assert eventually(lambda: next(frames).points < 9000, 20)
+        assert eventually(lambda: next(frames).points < 9000)
         assert car.status()["errors"] == {}
 
 
@@ -203,7 +203,7 @@ def test_codec_auto_becomes_one_that_takes_such_frames(data_file, caplog):
         Publisher(source, settings, rate="max", transport=network.transport()) as car,
     ):
         assert len(list(stream)) >= 4
-        assert eventually(lambda: (car.status()["codec_choice"] or {}).get("because"), 20)
+        assert eventually(lambda: (car.status()["codec_choice"] or {}).get("because"))
         assert car.status()["codec"] in ("riddle", "predictive", "pcodec")
         assert car.status()["errors"] == {}
     assert "could not encode" not in caplog.text
@@ -220,7 +220,7 @@ def test_another_model_takes_the_place_of_one_that_fell_silent(data_file, caplog
             while len(models) < 500:
                 models.append((next(packets).payload in set(vlp16), source.sensor.model))
         assert source.sensor.model == "vlp16"
-        end = time.monotonic() + 10
+        end = time.monotonic() + 60
         with sensor(xt32m, port, "127.0.0.2"):
             while source.sensor.model != "xt32m" and time.monotonic() < end:
                 next(packets)
@@ -237,7 +237,7 @@ def test_a_sensor_whose_model_is_given_is_not_replaced_by_a_louder_one(data_file
         port = source.address[1]
         with sensor(louder, port, "127.0.0.2", 0.00025), sensor(own, port, pace_s=0.001):
             packets, came, end = source.packets(), [], time.monotonic() + 2.0
-            while time.monotonic() < end:
+            while time.monotonic() < end or (source.counts["strangers"] <= 1000 and time.monotonic() < end + 60):
                 came.append(next(packets).payload)
         assert set(came[len(came) // 2 :]) <= set(own)
         assert source.counts["strangers"] > 1000

@@ -38,18 +38,22 @@ def logger_of(caplog=None):
 
 
 def test_packets_are_exact_when_all_sectors_came_and_are_recorded_so(network, tmp_path):
-    with live(network, newest=False, until_end=True, refine=True, record=tmp_path, max_age_s=None) as stream:
-        with publisher(network, 3, LAYERS, rate=0.3) as car:
-            got = [packet.payload for frame in stream for packet in packets_of(frame)]
-            told = car.status()["refinements"]
-        summary = stream.summary()
+    for rate in (1.0, 0.3, 0.1):  # a busy machine needs more time for all sectors of a frame
+        record = tmp_path / str(rate)
+        with live(network, newest=False, until_end=True, refine=True, record=record, max_age_s=None) as stream:
+            with publisher(network, 3, LAYERS, rate=rate) as car:
+                got = [packet.payload for frame in stream for packet in packets_of(frame)]
+                told = car.status()["refinements"]
+            summary = stream.summary()
+        if told["whole"] == 3:
+            break
     assert got == Loop(3).payloads()
     assert summary["refinements"] == {"taken": 36, "whole": 3, "lost": 0}
     assert summary["errors"] == {}
     assert {name: told[name] for name in ("frames", "whole", "sent", "arrived", "given_up")} == {
         "frames": 3, "whole": 3, "sent": 36, "arrived": 36, "given_up": 0,
     }  # fmt: skip
-    (path,) = tmp_path.glob("*.mcap")
+    (path,) = record.glob("*.mcap")
     recorded = RecordedFrames(path)
     assert [packet.payload for frame in recorded for packet in packets_of(frame)] == got
 
@@ -96,9 +100,8 @@ def test_an_error_of_the_transport_ends_one_frame_only(network):
     refining = Refining(KEYS, lambda: car, Flight(), once)
     for index in range(2):
         refining.offer(sent(turn(index=index)).refinable, 1)
-        time.sleep(0.15)
+        assert eventually(lambda index=index: (once.counts["refinement errors"], len(came)) == (1, index))
         refining.next_frame()
-    assert eventually(lambda: len(came) == 1)
     assert once.counts["refinement errors"] == 1
     refining.close()
 
@@ -111,6 +114,7 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     other.listen(KEYS.refine(), lambda key, data: came.append(data))
     reports = other.sender(KEYS.refined("desk"), Priority.REAL_TIME)
     first, second = sent(), sent(turn(index=1))
+    begun_s = time.monotonic()
     refining.offer(first.refinable, 1)
     assert eventually(lambda: len(came) == 1)
     time.sleep(0.1)
@@ -124,7 +128,7 @@ def test_the_rest_is_given_up_when_the_next_frame_comes(network):
     assert eventually(lambda: refining.state()["given_up"] == 10)
     assert [unpack(data).sector for data in came] == [0, 11]
     reports.put(pack_refined(Refined(0, checksum_of(came[1]), unpack(came[1]).sector)))
-    time.sleep(0.4)  # a sector took 0.1 s: there is room for one
+    time.sleep(4.0 * (time.monotonic() - begun_s))  # as long as some sectors took: there is room for one
     refining.offer(second.refinable, 1)
     assert eventually(lambda: len(came) == 3)
     assert refining.state()["arrived"] == 2

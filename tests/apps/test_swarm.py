@@ -80,7 +80,7 @@ def test_no_process_of_a_swarm_outlives_it(number):
         assert eventually(lambda: len(children(process.pid)) == 2)
         parts = children(process.pid)
         process.send_signal(number)
-        assert process.wait(10) == -number
+        assert process.wait(60) == -number
         assert eventually(lambda: not any(Path(f"/proc/{part}").exists() for part in parts))
     finally:
         process.kill()
@@ -95,7 +95,7 @@ def test_a_part_that_is_ended_too_soon_is_an_error():
         assert eventually(lambda: len(children(process.pid)) == 2)
         time.sleep(3.0)
         os.kill(children(process.pid)[-1], signal.SIGTERM)
-        _, complaint = process.communicate(timeout=40)
+        _, complaint = process.communicate(timeout=60)
         assert process.returncode == 1
         assert "a part of the swarm failed" in complaint
     finally:

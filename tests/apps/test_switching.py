@@ -114,7 +114,7 @@ def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
             codec = table.codec_id(changes["codec"])
             if changes["codec"] != before["codec"]:
                 assert answer["key"]
-                assert eventually(lambda codec=codec, asked=asked: viewer.first_of(codec, asked), 30)
+                assert eventually(lambda codec=codec, asked=asked: viewer.first_of(codec, asked))
                 at, index = viewer.first_of(codec, asked)
                 if "framing" not in changes:  # else the frames that were assembled before have the new codec already
                     assert index >= answer["first_frame"]
@@ -131,7 +131,7 @@ def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
         assert eventually(lambda: max(viewer.decoded) > begin + 3, 60)
     finally:
         car.end()
-        assert eventually(lambda: not viewer.receiver.alive, 30)
+        assert eventually(lambda: not viewer.receiver.alive)
         viewer.receiver.close()
         transport.close()
     status = car.status

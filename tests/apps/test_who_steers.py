@@ -212,7 +212,7 @@ def test_names_that_prove_nothing_give_way_to_those_that_may():
 
 def test_the_status_says_what_did_not_count(network):
     with publisher(network) as car, live(network) as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         state = car.status()["flight"]
         assert set(state["refused"]) == set(REFUSED)
         assert state["because"] == "first"
@@ -231,11 +231,11 @@ class Liar:
 
 def test_a_receiver_that_guesses_is_not_followed_and_one_that_receives_is(network):
     with Publisher(Loop(), transport=network.end(), rate=40.0) as car, live(network, receiver="honest") as stream:
-        assert stream.next(30)
+        assert stream.next(60)
         liar = Liar(network.end(), "server")
         for index in range(2000):
             liar.say(index, index)
-        assert eventually(lambda: sum(car.status()["flight"]["refused"].values()) >= 200, 20)
+        assert eventually(lambda: sum(car.status()["flight"]["refused"].values()) >= 200)
         assert car.status()["flight"]["following"] == "honest"
         data = liar.inbox.receive()
         liar.say(unpack(data).frame_index, checksum_of(data))
@@ -244,8 +244,8 @@ def test_a_receiver_that_guesses_is_not_followed_and_one_that_receives_is(networ
 
 def test_reports_under_many_names_do_not_displace_those_of_whom_receives(network):
     with Publisher(Loop(), transport=network.end(), rate=40.0) as car, live(network, receiver="honest") as stream:
-        assert stream.next(30)
-        assert eventually(lambda: "honest" in car.status()["reports"], 10)
+        assert stream.next(60)
+        assert eventually(lambda: "honest" in car.status()["reports"])
         end = network.end()
         tokens = [end.token(KEYS.arrived(f"farm-{number}")) for number in range(4 * MAX_REPORTS)]
         senders = [end.sender(KEYS.report(f"farm-{number}"), Priority.STATUS) for number in range(6 * MAX_REPORTS)]
@@ -255,7 +255,7 @@ def test_reports_under_many_names_do_not_displace_those_of_whom_receives(network
                 sender.put(b'{"frames": 1}')
             return len(car.status()["reports"]) == MAX_REPORTS
 
-        assert eventually(full, 30)
+        assert eventually(full)
         reports = car.status()["reports"]
         assert "honest" in reports
         assert not set(reports) & {f"farm-{number}" for number in range(4 * MAX_REPORTS, 6 * MAX_REPORTS)}

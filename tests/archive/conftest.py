@@ -55,7 +55,7 @@ class Bucket:
 
     def _ask(self, method: str, path: str, data: bytes | None = None):
         url = f"http://127.0.0.1:{self.port}{path}"
-        return urllib.request.urlopen(urllib.request.Request(url, data=data, method=method), timeout=5)
+        return urllib.request.urlopen(urllib.request.Request(url, data=data, method=method), timeout=60)
 
     def requests(self) -> list[str]:
         """Requests for objects so far."""

@@ -204,7 +204,7 @@ def test_the_command_ends_although_a_viewer_does_not_read():
         quick.messages(15)
         quick.close()
         command.send_signal(signal.SIGTERM)
-        _, complained = command.communicate(timeout=30)
+        _, complained = command.communicate(timeout=60)
     assert command.returncode == 0, complained
     assert "Traceback" not in complained
     stuck.close()

@@ -22,6 +22,7 @@ from lidarcodec.transport.base import Priority
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.point_clouds import STAMP_NS, message, ros1, velodyne
 from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
 
 MESSAGES = [message(velodyne(60, seed=n), stamp_ns=STAMP_NS + n * 10**8) for n in range(3)]
 LIMIT_S = 60.0
@@ -96,15 +97,12 @@ def test_messages_that_are_too_long_do_not_wait_in_memory():
     with network.transport() as there, network.transport() as here:
         sender = there.sender(key(), Priority.EVERY_FRAME)
 
-        def run() -> None:
-            for one in (bytes(MAX_MESSAGE + 1), MESSAGES[0]):
-                time.sleep(0.2)
-                sender.put(one)
-
-        node = threading.Thread(target=run)
+        node = threading.Thread(target=lambda: eventually(lambda: sender.matching) and sender.put(MESSAGES[0]))
         node.start()
-        source = RosSource("/lidar/points", idle_s=20.0, transport=here)
+        source = RosSource("/lidar/points", idle_s=60.0, transport=here)
         node.join()
+        sender.put(bytes(MAX_MESSAGE + 1))
+        assert eventually(lambda: source._too_long)
         source.finish()
         assert [packet.payload for packet in source.packets()] == MESSAGES[:1]
         assert source.counts["too long"] == 1

@@ -10,9 +10,9 @@ from typing import Any
 
 import httpx
 
-from lidarcodec.apps.demo.processes import free_port
 from tests import asking
 from tests.command_line import COMMAND, environment, run_here
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 LIMIT_S = 60.0
@@ -121,7 +121,7 @@ class System:
 
     def _answers(self) -> bool:
         try:
-            return asking.get(f"{self.url}/healthz", timeout=5).status_code == 200
+            return asking.get(f"{self.url}/healthz", timeout=60).status_code == 200
         except httpx.HTTPError:
             return False
 
@@ -140,7 +140,7 @@ def system(folder: Path, meeting: int | None = None, archive: Path | None = None
 def _end(process: subprocess.Popen[bytes]) -> None:
     process.terminate()
     try:
-        process.wait(20)
+        process.wait(60)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

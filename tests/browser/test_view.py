@@ -92,9 +92,17 @@ def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fle
     for where in ("server", "page"):
         page.get_by_label("Decode here").set_checked(where == "page")
         page.wait_for_timeout(1000)
-        measured, made_up = shown[where] = tuple(map(int, re.findall(r"[\d,]+", legend.inner_text().replace(",", ""))))
-        assert 4 * measured < made_up < 15 * measured
-        assert int(re.search(r"\d+", page.title())[0]) < 2 * measured, "the title counts what was measured"
+        shown[where] = when(
+            lambda: tuple(map(int, re.findall(r"\d+", legend.inner_text().replace(",", "")))),
+            lambda got: len(got) == 2 and 4 * got[0] < got[1] < 15 * got[0],
+            where,
+        )
+        measured = shown[where][0]
+        when(
+            page.title,
+            lambda title, most=2 * measured: int(re.search(r"\d+", title)[0]) < most,
+            "the title counts the measured",
+        )
         expect(page.locator("footer")).to_contain_text("filled in")
         page.get_by_label("Fill gaps").uncheck()
         expect(legend).to_be_hidden()

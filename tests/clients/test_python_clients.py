@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.demo.processes import free_port
 from tests.apps.streams import Loop
 from tests.command_line import environment
 from tests.packets import read_plain_pcap
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 CLIENTS = Path(__file__).resolve().parents[2] / "clients" / "python"

@@ -161,7 +161,7 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
         assert json.loads(seen.stdout)["rtt_ms"] is None or json.loads(seen.stdout)["errors"] == {}
     finally:
         car.terminate()
-        out, _ = car.communicate(timeout=30)
+        out, _ = car.communicate(timeout=60)
         router.kill()
     assert out.startswith("car-7/lidar: ")
 

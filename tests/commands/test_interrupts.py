@@ -19,6 +19,7 @@ from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import run_here, start
 from tests.sweeps import sampled
+from tests.transport.conftest import free_port
 
 FRAMES = 12
 SOURCE = f"sim:city?frames={FRAMES}"
@@ -289,7 +290,7 @@ def test_a_live_source_without_a_number_of_frames_ends_with_a_signal_and_that_is
     packets = made.turning(400)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.bind(("127.0.0.1", 0))
-        port = sender.getsockname()[1] + 1
+        port = free_port()
         for words, code, name in (((), 0, "out.mcap"), (("--frames", 9), 130, "out.partial.mcap")):
             folder = tmp_path / str(code)
             folder.mkdir()
@@ -343,7 +344,7 @@ def test_what_a_live_sensor_sent_last_is_in_the_recording(tmp_path: Path) -> Non
     packets = made.turning(400)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.bind(("127.0.0.1", 0))
-        port = sender.getsockname()[1] + 1
+        port = free_port()
         process = start("encode", f"udp://127.0.0.1:{port}", tmp_path / "out.mcap")
         limit = time.monotonic() + 60
         while time.monotonic() < limit and f":{port:04X} " not in Path("/proc/net/udp").read_text():

@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.commands.localise import run as command
 from lidarcodec.commands.localise.messages import pose_json, read_odometry, tum_line
@@ -25,6 +24,7 @@ from lidarcodec.transport.base import Priority
 from lidarcodec.untrusted.json import read_object
 from tests.command_line import run_here, the_one_line
 from tests.commands.test_json import check
+from tests.transport.conftest import free_port
 
 SOURCE = "sim:street?frames=6&traffic=0"
 POSE = np.eye(4)

@@ -50,7 +50,7 @@ class Server:
         """End it as a power cut would."""
         if self.process is not None:
             self.process.kill()
-            self.process.wait(10)
+            self.process.wait(60)
 
     def ask_text(self, path: str) -> str:
         """The text of an answer."""

@@ -46,7 +46,7 @@ class Car:
         )
         self.transport = open_transport(Endpoints.of(config=self.folder / "vehicle-car-7.json5"))
 
-    def viewer_s(self, limit_s: float = 20.0) -> float:
+    def viewer_s(self, limit_s: float = 60.0) -> float:
         """Seconds until a viewer is in."""
         begun_s = time.monotonic()
         with open_transport(Endpoints.of(config=self.folder / "viewer-anna.json5")) as viewer:
@@ -61,7 +61,7 @@ class Car:
 
     def counts(self, **least: int) -> bool:
         """Whether what is refused comes to so many within a few seconds."""
-        return eventually(lambda: all(self.gate.get("refused", {}).get(name, 0) >= least[name] for name in least), 20.0)
+        return eventually(lambda: all(self.gate.get("refused", {}).get(name, 0) >= least[name] for name in least))
 
 
 @contextlib.contextmanager
@@ -91,7 +91,7 @@ def test_idle_connections_and_broken_handshakes_keep_nobody_out(car: Car) -> Non
     before = open_files()
     with strangers("idle", car.port, 150), strangers("abort", car.port, 40, "127.0.0.3"):
         assert car.counts(barred=20, too_many_unfinished=50)
-        assert car.viewer_s() < 10.0
+        assert car.viewer_s() < 30.0
         assert open_files() < before + 40
     assert car.gate["failed"] < 40
     assert car.gate["last_barred"] == "127.0.0.3"
@@ -115,14 +115,14 @@ def test_no_kind_of_stranger_keeps_anybody_out(car: Car, kind: str, count: int, 
     with strangers(kind, car.port, count, source):
         time.sleep(6.0)
         for _ in range(2):
-            assert car.viewer_s(60.0) < (60.0 if source == "*" else 10.0)
+            assert car.viewer_s(60.0) < (60.0 if source == "*" else 30.0)
         assert open_files() < before + 120
 
 
 @pytest.mark.sweep
 def test_who_had_a_session_gets_in_again_though_strangers_share_the_address(car: Car) -> None:
     with open_transport(Endpoints.of(config=car.folder / "viewer-anna.json5")):
-        assert eventually(lambda: car.gate["sessions"] == 1, 20.0)
+        assert eventually(lambda: car.gate["sessions"] == 1)
     with strangers("abort", car.port, 40, "127.0.0.1"):
         assert car.counts(barred=50)
         assert car.viewer_s(90.0)
@@ -132,11 +132,11 @@ def test_a_link_through_the_gate_carries_messages_after_the_gate_was_killed(car:
     with open_transport(Endpoints.of(config=car.folder / "viewer-anna.json5")) as viewer:
         car.transport.answer("lidarcodec/v1/car-7/lidar/control/get", lambda data: b"yes")
         asked = lambda: viewer.ask("lidarcodec/v1/car-7/lidar/control/get", b"{}", 1.0) == b"yes"  # noqa: E731
-        assert eventually(asked, 20.0)
+        assert eventually(asked)
         gate = car.transport._gate  # type: ignore[attr-defined]
         os.kill(gate._process.pid, signal.SIGKILL)
-        assert eventually(lambda: car.gate["restarts"] == 1 and car.gate["running"], 20.0)
-        assert eventually(asked, 20.0)
+        assert eventually(lambda: car.gate["restarts"] == 1 and car.gate["running"])
+        assert eventually(asked)
 
 
 def test_ipv4_and_ipv6_come_through_one_gate(car: Car) -> None:
@@ -149,8 +149,8 @@ def test_ipv4_and_ipv6_come_through_one_gate(car: Car) -> None:
         encrypted.sendall(b"hello")
         while encrypted.recv(100):
             pass
-    assert eventually(lambda: car.gate["failed"] == 1, 20.0)
-    assert car.viewer_s() < 20.0
+    assert eventually(lambda: car.gate["failed"] == 1)
+    assert car.viewer_s() < 30.0
 
 
 def test_a_gate_ends_with_its_program_and_gives_the_port_back(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_a_gate_ends_when_its_program_is_killed(tmp_path: Path) -> None:
         assert started.stdout is not None
         assert int(started.stdout.readline())
         started.kill()
-    assert eventually(lambda: _refuses(port), 10.0)
+    assert eventually(lambda: _refuses(port))
 
 
 def _refuses(port: int) -> bool:
@@ -249,7 +249,7 @@ def test_wrong_passwords_bar_an_address(tmp_path: Path) -> None:
         wrong = tmp_path / "wrong.json5"
         wrong.write_text((car.folder / "viewer-anna.json5").read_text().replace('"password": "', '"password": "not-'))
         with open_transport(Endpoints.of(config=wrong)) as stranger:
-            assert eventually(lambda: car.gate["barred"] == 1, 20.0), car.gate
+            assert eventually(lambda: car.gate["barred"] == 1), car.gate
             assert stranger.connected == 0
         assert car.gate["sessions"] == 0
     finally:

@@ -21,7 +21,7 @@ from tests.apps.streams import Loop
 STREAM = "/api/v1/streams/car-7/roof"
 
 
-async def until(condition, limit_s=20.0):
+async def until(condition, limit_s=60.0):
     """The first true value that an async function gives; generous, because the machine may be busy."""
     for _ in range(int(limit_s / 0.05)):
         if value := await condition():

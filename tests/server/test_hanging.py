@@ -16,6 +16,7 @@ from lidarcodec_server.limits import Limits, TooManyError
 from lidarcodec_server.past.spans import Spans
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
+from tests.calm import Calm
 from tests.server.conftest import STREAM, until
 
 
@@ -67,16 +68,17 @@ async def test_viewers_who_ask_for_settings_of_vehicles_that_hang_do_not_take_th
                     await asyncio.sleep(0.05)
 
             lookers = [asyncio.create_task(look(token, f"car-{8 + at % 2}")) for token in viewers for at in range(12)]
-            await asyncio.sleep(0.5)
-            statuses = []
-            for number in range(20):
-                body = {"max_error_m": 0.01 + number / 1000}
-                statuses.append((await client.patch(f"{STREAM}/settings", json=body)).status_code)
-            over.set()
-            await asyncio.gather(*lookers)
+            with Calm() as calm:
+                await asyncio.sleep(0.5)
+                statuses = []
+                for number in range(20):
+                    body = {"max_error_m": 0.01 + number / 1000}
+                    statuses.append((await client.patch(f"{STREAM}/settings", json=body)).status_code)
+                over.set()
+                await asyncio.gather(*lookers)
     assert statuses == [200] * 20
     assert len(took) > len(viewers) * 12
-    assert sorted(took)[len(took) // 2] < 1.0, "most are told what is known"
+    assert sorted(took)[len(took) // 2] < 1.0 + 20 * calm.late_s, "most are told what is known"
 
 
 def test_changes_of_one_stream_leave_places_for_those_of_others():
@@ -117,7 +119,7 @@ def test_pages_of_vehicles_that_are_away_keep_nobody_from_hearing_what_others_ke
 
     def late(data):
         asked.set()
-        answer.wait(20)
+        answer.wait(60)
         return told(data)
 
     def told(data):
@@ -130,7 +132,7 @@ def test_pages_of_vehicles_that_are_away_keep_nobody_from_hearing_what_others_ke
         spans = Spans(lambda: office, 20.0)
         page = threading.Thread(target=spans.told, args=(away,), kwargs={"alive": False})
         page.start()
-        assert asked.wait(20)
+        assert asked.wait(60)
         assert spans.told(away, alive=False) is None, "one question at a time"
         assert spans.told(gone, alive=False) is None, "the place of those that are away is taken"
         assert spans.told(there, alive=True).spans == [(5, 9)]

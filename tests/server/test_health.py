@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import make_url
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.commands.certs.certificates import Authority
 from lidarcodec.commands.health import run as health
 from lidarcodec.commands.server_extra import server_config
@@ -14,6 +13,7 @@ from lidarcodec_server.store.passwords import with_password
 from tests.command_line import run_here, start
 from tests.server.live import running
 from tests.server.test_metrics import value
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 URL = "postgresql://lidarcodec@database/lidarcodec"

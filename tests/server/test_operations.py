@@ -57,6 +57,7 @@ PLACES = [
 ]
 
 
+@pytest.mark.timeout(300)
 async def test_every_operator_route_leaves_one_entry_whatever_becomes_of_it(serving, vehicle, tokens, tmp_path):
     """Also of a body that is no JSON, or not said to be."""
     vehicle()

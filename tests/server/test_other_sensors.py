@@ -13,6 +13,7 @@ from lidarcodec.pipeline import frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.sensors.captures import CAPTURES
+from tests.server.conftest import until
 from tests.server.live import client_module, event, frame, running
 
 STREAM = "vehicle/lidar"
@@ -76,20 +77,23 @@ async def test_viewers_get_the_points_pictures_and_model_of_the_sensor(path, tmp
             for view in ("cloud", "range"):
                 answer = await client.get(f"{STREAM}/snapshot.png", params={"view": view})
                 assert (answer.status_code, answer.content[:4]) == (200, b"\x89PNG"), answer.text[:300]
-            for _ in range(50):  # it is told once a second
-                status = (await client.get(STREAM)).json()
-                if status["status"] is not None:
-                    break
-                await asyncio.sleep(0.1)
-            assert name in str(status)
+
+            async def told() -> bool:  # once a second
+                return name in str((await client.get(STREAM)).json())
+
+            assert await until(told)
             for changes in ({"reduction": "poconet"}, {"reduction": "poconet-paper"}):
                 answer = await client.patch(f"{STREAM}/settings", json=changes)
                 assert answer.status_code == 422, answer.text
                 assert "HDL-64E" in answer.text
             asked = {"codec": "predictive", "target_kbps": 2000.0, "intensity": "levels=8", "reduction": "lattice:2"}
-            answer = await client.patch(f"{STREAM}/settings", json=asked)
-            assert answer.status_code == 200, answer.text
-            assert answer.json()["warnings"] == []
+
+            async def carried() -> bool:  # what was learned of the settings before is no measure of these
+                answer = await client.patch(f"{STREAM}/settings", json=asked)
+                assert answer.status_code == 200, answer.text
+                return answer.json()["warnings"] == [] or await asyncio.sleep(1.0)
+
+            assert await until(carried)
             answer = await client.patch(f"{STREAM}/settings", params={"strict": True}, json={"target_kbps": 2.0})
             assert answer.status_code == 422, answer.text
             assert "cannot carry every frame" in answer.json()["detail"]

@@ -56,6 +56,6 @@ def test_the_end_of_a_certificate_is_warned_of_and_a_renewed_one_is_used(tmp_pat
         assert eventually(lambda: days_left(port) == 90)
     finally:
         server.terminate()
-        server.wait(30)
+        server.wait(60)
         reader.join(10)
     assert server.returncode == 0

@@ -100,20 +100,20 @@ def test_a_store_that_is_slow_holds_up_only_the_one_who_asks(tmp_path, monkeypat
 
     def slow():
         asked.set()
-        goes_on.wait(30.0)
+        goes_on.wait(90.0)
         return tokens()
 
     monkeypatch.setattr(store, "tokens", slow)
     book._due = 0.0
     one = threading.Thread(target=book.client, args=(token,))
     one.start()
-    assert asked.wait(10.0)
+    assert asked.wait(60.0)
     found: list[Client] = []
     other = threading.Thread(target=lambda: found.append(book.client(token)), daemon=True)
     other.start()
-    other.join(10.0)
+    other.join(60.0)
     meanwhile = list(found)
     goes_on.set()
-    one.join(30.0)
+    one.join(60.0)
     store.close()
     assert [client.name for client in meanwhile] == ["ada"]

@@ -18,7 +18,6 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands import serve, token
 from lidarcodec.errors import SettingsError, TransportError
@@ -27,6 +26,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.migrations import StoreError
 from tests.command_line import COMMAND, environment, start, the_one_line
 from tests.server.conftest import STREAM
+from tests.transport.conftest import free_port
 
 pytestmark = pytest.mark.timeout(180)
 CAR = ("--vehicle", "car-7", "--sensor", "roof")

@@ -206,7 +206,7 @@ def test_a_recording_is_played_as_a_stream_of_its_own(server, client):
     assert client.delete(f"{ALL}/{made['id']}").status_code == 409
     assert server.seen("again/lidar")
     with subscribe("again/lidar", transport=server.network.transport()) as live:
-        payload = packets_of(live.next(20))[0].payload
+        payload = packets_of(live.next(60))[0].payload
     assert payload[:1200] in {packet.payload[:1200] for packet in Loop(1).packets()}
     assert client.get(f"{ALL}/{made['id']}").json()["playing"]["vehicle"] == "again"
     assert client.get("/api/v1/streams/again/lidar/snapshot.png").status_code == 200

@@ -13,7 +13,7 @@ from lidarcodec_server.door.connections import Connections
 from lidarcodec_server.door.request_protocol import RequestProtocol, Times
 
 GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 
 
 async def app(scope, receive, send):

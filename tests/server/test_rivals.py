@@ -9,7 +9,6 @@ import time
 
 import pytest
 
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.desk import CHANGES_AT_ONCE
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
@@ -20,6 +19,7 @@ from tests.server.conftest import STREAM, until
 from tests.server.test_processes import CAR, Server
 from tests.server.test_processes import until as until_now
 from tests.server.test_settings import applied, audit, there
+from tests.transport.conftest import free_port
 
 KEYS = StreamKeys("car-7", "roof")
 OURS, THEIRS = {"key_interval": 5}, StreamSettings(key_interval=9)
@@ -156,7 +156,7 @@ def test_two_servers_with_settings_for_one_vehicle_say_so_and_come_to_rest(tmp_p
         assert len(entries) == 2
         assert second.get(f"{STREAM}/settings")["applied"]["key_interval"] == 9
         car.terminate()
-        car.wait(30)
+        car.wait(60)
         car = start(*publish, variables=where)
         until_now(lambda: {server.get(STREAM)["settings"]["key_interval"] for server in servers} in ({5}, {9}))
 
@@ -170,4 +170,4 @@ def test_two_servers_with_settings_for_one_vehicle_say_so_and_come_to_rest(tmp_p
         for process in (car, *(server.process for server in servers)):
             process.terminate()
         for process in (car, *(server.process for server in servers)):
-            process.wait(30)
+            process.wait(60)

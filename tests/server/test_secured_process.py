@@ -44,6 +44,6 @@ def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path
         assert eventually(lambda: alive(server, stream), 40)
     finally:
         car.terminate()
-        car.communicate(timeout=30)
+        car.communicate(timeout=60)
         server.kill()
         router.kill()

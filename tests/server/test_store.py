@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pwd
 import shutil
@@ -28,6 +29,7 @@ from lidarcodec_server.store.store import Store
 from lidarcodec_server.store.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
 from tests.server.conftest import until
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 CAR = StreamKeys("car-7", "roof")
@@ -58,27 +60,28 @@ def postgres():
     initdb, server = ([program] for program in programs)
     initdb += ["-D", str(data), "-U", "ada", "-A", "trust", "-N", "-E", "UTF8", "--no-locale"]
     subprocess.run(initdb, check=True, capture_output=True, cwd="/", **as_user)
-    with socket.socket() as probe:  # after initdb, so that nobody else has time to take the port
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     server += ["-D", str(data), "-p", str(port), "-c", "fsync=off", "-c", f"unix_socket_directories={folder}"]
     log = (folder / "log").open("wb")
     process = subprocess.Popen(server, stdout=log, stderr=log, cwd="/", **as_user, env={"LC_ALL": "C"})
     log.close()
     url = f"postgresql://ada:secret@127.0.0.1:{port}/postgres"
     try:
-        for _ in range(200):
-            try:
-                socket.create_connection(("127.0.0.1", port), 1).close()
-                break
-            except OSError:
-                threading.Event().wait(0.1)
+        engine = sa.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
+
+        def ready() -> bool:
+            with contextlib.suppress(sa.exc.OperationalError), engine.connect():
+                return True
+            return process.poll() is not None
+
+        assert eventually(ready)
+        engine.dispose()
         assert process.poll() is None, (folder / "log").read_text()
         yield url
         assert process.poll() is None, (folder / "log").read_text()
     finally:
         process.send_signal(signal.SIGINT)  # does not wait for connections
-        process.wait(20)
+        process.wait(60)
         shutil.rmtree(folder)
 
 

@@ -78,6 +78,7 @@ def test_no_field_takes_a_value_of_another_type_or_size(field):
         assert found.status["fps"] == (7.5 if field != "fps" else found.status.get("fps", 7.5))
 
 
+@pytest.mark.timeout(300)
 async def test_whatever_vehicles_tell_every_page_of_the_server_answers(serving, network):
     """A status that was deep enough once made the list of streams fail for everybody, for good."""
     deep = '{"stream_id": "aa", "x": ' + "[" * 300 + "]" * 300 + "}"

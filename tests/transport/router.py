@@ -37,7 +37,7 @@ class Router:
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
-        assert self._ready.wait(30)
+        assert self._ready.wait(60)
         assert self.process.poll() is None, self.log
 
     def _read(self) -> None:
@@ -50,7 +50,7 @@ class Router:
     def kill(self) -> None:
         """End it as a power cut would."""
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(60)
         self._thread.join(5)
         self.process.stdout.close()
 

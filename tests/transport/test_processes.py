@@ -46,7 +46,7 @@ class Node:
 
     def kill(self) -> None:
         self.process.send_signal(signal.SIGKILL)
-        self.process.wait(5)
+        self.process.wait(60)
         self._thread.join(5)
         self.process.stdout.close()
 

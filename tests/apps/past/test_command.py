@@ -36,7 +36,7 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
     begin_ns = time.time_ns()
     out = tmp_path / "clip.mcap"
     with car:
-        assert eventually(lambda: car.status()["assembled"] >= 15, 30.0)
+        assert eventually(lambda: car.status()["assembled"] >= 15)
         done = run_here(
             "fetch",
             "car-7/roof",
@@ -50,13 +50,20 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
             endpoint,
             "--json",
         )
-        assert car.status()["past"]["stopped"] is None
+        past = car.status()["past"]
+        assert past["stopped"] is None
     assert done.returncode == 0, done.stderr
     about = json.loads(capfd.readouterr().out)
     assert about["frames"] >= 14
     with open_source(str(out)) as clip:
         found = [packet.payload for packet in clip.packets()]
-    assert found == Loop(about["frames"]).payloads()[: len(found)], "the packets of the drive from its first one on"
+    dropped = past["counts"].get("dropped", 0)  # by a machine that is too slow
+    drive = Loop(about["frames"] + dropped).payloads()
+    assert len(found) >= len(drive) - 348 * (dropped + 1)
+    if not dropped:
+        assert found == drive[: len(found)], "the packets of the drive from its first one on"
+    rest = iter(drive)
+    assert all(packet in rest for packet in found), "in their order"
     assert [path.name for path in tmp_path.iterdir() if path != out] == ["ring"]
 
 

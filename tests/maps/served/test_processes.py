@@ -42,7 +42,7 @@ class Serving:
 
     def end(self, number):
         self._process.send_signal(number)
-        _, errors = self._process.communicate(timeout=30)
+        _, errors = self._process.communicate(timeout=60)
         return self._process.returncode, errors
 
 

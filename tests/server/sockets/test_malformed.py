@@ -26,14 +26,14 @@ def test_a_request_for_a_socket_that_is_none_keeps_no_connection(tmp_path):
     server = Server(None, f"sqlite:///{tmp_path / 'server.db'}", LIDARCODEC_SERVE_MAX_CONNECTIONS_A_HOST="4")
     address = "127.0.0.1", server.client.base_url.port
     try:
-        assert eventually(lambda: server.get("/healthz"), 30)
+        assert eventually(lambda: server.get("/healthz"))
         for _ in range(8):
             for request in MALFORMED.values():
                 with socket.create_connection(address, 10) as one:
                     one.sendall(request)
         server.client.close()
         server.client = type(server.client)(base_url=server.client.base_url, timeout=10)
-        assert eventually(lambda: server.get("/healthz"), 10)
+        assert eventually(lambda: server.get("/healthz"))
         for name, request in MALFORMED.items():
             with socket.create_connection(address, 10) as one:
                 one.sendall(request)
@@ -47,11 +47,11 @@ def test_a_request_for_a_socket_that_is_none_keeps_no_connection(tmp_path):
 def test_no_request_for_a_socket_makes_the_end_of_a_server_fail(tmp_path):
     server = Server(None, f"sqlite:///{tmp_path / 'server.db'}")
     address = "127.0.0.1", server.client.base_url.port
-    assert eventually(lambda: server.get("/healthz"), 30)
+    assert eventually(lambda: server.get("/healthz"))
     held = [socket.create_connection(address, 10) for _ in MALFORMED]
     for one, request in zip(held, MALFORMED.values(), strict=True):
         one.sendall(request)
-    assert eventually(lambda: server.get("/healthz"), 10)
+    assert eventually(lambda: server.get("/healthz"))
     code, complaints = server.end(signal.SIGTERM)
     for one in held:
         one.close()
