@@ -202,7 +202,7 @@ def test_a_clock_that_is_set_in_mid_stream_freezes_nothing(who, caplog):
             summary = live.summary()
             assert summary["clock"]["state"] == "corrected"
             assert summary["clock"]["jumps"] >= 1
-            assert max(live.stats.latency_ms.recent()) < 5000
+            assert max(live.stats.latency_ms.recent()) < 60_000
             assert abs(car.status()["stamp_ns"] - hosts["vehicle"].clock.wall_ns()) < 60 * 10**9
             assert car.status()["time_source"]["stamps"] == "host"
     assert summary["errors"] == {}

@@ -41,13 +41,13 @@ def test_run_ends_soon_when_interrupted(network):
     threading.Timer(0.3, car.interrupt).start()
     start = time.monotonic()
     car.run()
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < 30
 
 
 def test_the_status_and_the_report_reach_the_other_side(network):
     with publisher(network, rate=20.0) as car, live(network, receiver="office") as stream:
         assert stream.next(60)
-        assert eventually(lambda: ((stream.status or {}).get("reports") or {}).get("office", {}).get("frames"), 6)
+        assert eventually(lambda: ((stream.status or {}).get("reports") or {}).get("office", {}).get("frames"))
         told = stream.status
         assert told["stream_id"] == f"{car.stream_id:016x}"
         assert told["flight"]["following"] == "office"
@@ -105,7 +105,7 @@ async def test_a_cancelled_wait_loses_no_frame_and_leaves_nothing(network):
         assert not stream._listeners
         assert await stream.next_async(0.05) is None
         with publisher(network, 1, rate="max"):
-            assert (await stream.next_async(5)).index == 0
+            assert (await stream.next_async(60)).index == 0
 
 
 async def test_a_coroutine_that_waits_ends_with_the_stream(network):
@@ -113,7 +113,7 @@ async def test_a_coroutine_that_waits_ends_with_the_stream(network):
         waiting = asyncio.create_task(stream.next_async())
         await asyncio.sleep(0.05)
         stream.close()
-        assert await asyncio.wait_for(waiting, 2) is None
+        assert await asyncio.wait_for(waiting, 60) is None
 
 
 def test_every_field_of_status_and_report_is_documented(network):

@@ -23,16 +23,16 @@ def test_whoever_must_not_lose_anything_waits_for_the_slot():
     mailbox, got = Mailbox(), []
 
     def take():
-        while (item := mailbox.take(5)) is not None:
+        while (item := mailbox.take(60)) is not None:
             time.sleep(0.001)
             got.append(item)
 
     taker = threading.Thread(target=take)
     taker.start()
     for number in range(50):
-        assert mailbox.put_wait(number, 5)
+        assert mailbox.put_wait(number, 60)
     mailbox.close()
-    taker.join(5)
+    taker.join(60)
     assert got == list(range(50))
     assert mailbox.replaced == 0
 
@@ -42,7 +42,7 @@ def test_putting_in_time_or_not_at_all():
     mailbox.put("first")
     start = time.monotonic()
     assert not mailbox.put_wait("second", 0.05)
-    assert 0.04 < time.monotonic() - start < 1
+    assert 0.04 < time.monotonic() - start < 20
     assert mailbox.take(0) == "first"
 
 
@@ -51,12 +51,12 @@ def test_closing_ends_every_wait(wait):
     mailbox, ended = Mailbox(), []
     if wait == "put_wait":
         mailbox.put("there")
-    call = (lambda: mailbox.take(60)) if wait == "take" else (lambda: mailbox.put_wait("more", 60))
+    call = (lambda: mailbox.take(600)) if wait == "take" else (lambda: mailbox.put_wait("more", 600))
     thread = threading.Thread(target=lambda: ended.append(call()))
     thread.start()
     time.sleep(0.05)
     mailbox.close()
-    thread.join(2)
+    thread.join(60)
     assert ended == [None if wait == "take" else False]
 
 
@@ -86,6 +86,6 @@ def test_producers_and_takers_at_full_speed_account_for_every_item():
         if item is not None:
             assert item > last
             last, taken = item, taken + 1
-    producer.join(5)
+    producer.join(60)
     assert last == 19_999
     assert taken + mailbox.replaced == 20_000

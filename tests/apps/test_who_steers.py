@@ -237,9 +237,13 @@ def test_a_receiver_that_guesses_is_not_followed_and_one_that_receives_is(networ
             liar.say(index, index)
         assert eventually(lambda: sum(car.status()["flight"]["refused"].values()) >= 200)
         assert car.status()["flight"]["following"] == "honest"
-        data = liar.inbox.receive()
-        liar.say(unpack(data).frame_index, checksum_of(data))
-        assert eventually(lambda: car.status()["flight"]["following"] == "server", 5)
+
+        def received() -> bool:
+            data = liar.inbox.receive()
+            liar.say(unpack(data).frame_index, checksum_of(data))
+            return car.status()["flight"]["following"] == "server"
+
+        assert eventually(received)
 
 
 def test_reports_under_many_names_do_not_displace_those_of_whom_receives(network):

@@ -13,18 +13,13 @@ import pytest
 from lidarcodec.commands.info import source as inspect_source
 from tests import packets as made
 from tests.command_line import run_here, the_one_line
-
-
-def free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+from tests.transport.conftest import free_port
 
 
 def test_where_nothing_comes_it_ends_and_says_so(monkeypatch):
     """It waited without end and without a word."""
     monkeypatch.setattr(inspect_source, "QUIET_S", 1.0)
-    port = free_udp_port()
+    port = free_port()
     began = time.monotonic()
     done = run_here("info", f"udp://127.0.0.1:{port}?wait=0")
     assert time.monotonic() - began < 30
@@ -38,7 +33,7 @@ def test_where_nothing_comes_it_ends_and_says_so(monkeypatch):
 @pytest.mark.parametrize("count", [500, 4000])
 def test_what_a_sensor_sends_is_shown_though_it_falls_silent(monkeypatch, count):
     monkeypatch.setattr(inspect_source, "QUIET_S", 2.0)
-    port = free_udp_port()
+    port = free_port()
     packets = made.turning(count)
 
     def send() -> None:
@@ -53,6 +48,6 @@ def test_what_a_sensor_sends_is_shown_though_it_falls_silent(monkeypatch, count)
     sending = threading.Thread(target=send, daemon=True)
     sending.start()
     done = run_here("info", f"udp://127.0.0.1:{port}?wait=0", "--json")
-    sending.join(30)
+    sending.join(60)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["packets"] == min(count, inspect_source.LOOK_PACKETS)

@@ -201,7 +201,7 @@ def test_a_query_ends_when_its_time_is_over_and_takes_no_more_memory_than_it_may
     begun_s = time.monotonic()
     with pytest.raises(TimeoutError):
         query(store, "select count(*) from range(10000000000) a, range(100000) b", Bounds(0.2, 100))
-    assert time.monotonic() - begun_s < 5
+    assert time.monotonic() - begun_s < 30
     with pytest.raises(SettingsError, match="ask for less"):
         query(store, "select list(range) from range(100000000)", Bounds(30.0, 50))
 

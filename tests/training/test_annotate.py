@@ -268,4 +268,4 @@ def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, annotated: A
     began_s = time.monotonic()
     with pytest.raises(SourceError, match=r"has no labels|of another frame|is not completely annotated"):
         list(labelled([folder.path]))
-    assert time.monotonic() - began_s < 10.0
+    assert time.monotonic() - began_s < 60.0

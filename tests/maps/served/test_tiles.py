@@ -246,7 +246,7 @@ def test_of_the_pages_of_a_hostile_list_only_tiles_are_kept_and_short_ones_end_i
 
     server.hook = hook
     with pytest.raises(SourceError, match="a page of 1 tiles"):
-        open_map("town", transport=ends[1], patience_s=5.0)
+        open_map("town", transport=ends[1], patience_s=60.0)
     assert len(server.asked) == 2
 
 
@@ -259,7 +259,7 @@ def test_pages_come_one_after_the_other_and_a_list_that_changes_meanwhile_begins
         return json.dumps(told | {"version": next(version, told["version"])}).encode()
 
     server.hook = hook
-    with open_map("town", transport=ends[1], patience_s=5.0) as found:
+    with open_map("town", transport=ends[1], patience_s=60.0) as found:
         assert len(found.places) == 10
     assert len(server.asked) == 2 + 3
 
@@ -305,9 +305,9 @@ def test_an_error_is_told_until_the_tile_or_the_list_is_here_again(ends, server)
 
 
 def test_the_path_is_waited_for_as_long_as_was_asked_and_not_beyond_the_end(ends, server):
-    found = open_map("town", transport=ends[1], patience_s=0.3)
+    found = open_map("town", transport=ends[1], patience_s=1.5)
     server.hook = lambda key, question, answer: None
-    with pytest.raises(SourceError, match=r"nobody answered about map 'town' for 0.3 s"):
+    with pytest.raises(SourceError, match=r"nobody answered about map 'town' for 1.5 s"):
         assert found.path is None
     found.close()
     with pytest.raises(SourceError, match="was closed"):
