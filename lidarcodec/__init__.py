@@ -96,7 +96,12 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
-        hint = ": read_frames gives the frames of a source, open_source its packets" if name == "open" else ""
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, __all__, 1, 0.75)
+        hint = f": did you mean {near[0]}?" if near else ""
+        if name == "open":
+            hint = ": read_frames gives the frames of a source, open_source its packets"
         raise AttributeError(f"module 'lidarcodec' has no attribute '{name}'{hint}")
     return getattr(import_module(f"lidarcodec.{home}"), name)
 

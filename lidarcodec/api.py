@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Unpack
 
-from lidarcodec.frame import Frame
+from lidarcodec.frame import Frame, several
 from lidarcodec.layers import RefinedFrame, can_be_base, is_refinement
 from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
@@ -27,7 +27,7 @@ from lidarcodec.wire import pack, unpack
 
 
 def read_frames(
-    source: Source | str | Path, framing: str = "revolution", *, calibration: Path | None = None
+    source: Source | str | Path, framing: str = "revolution", *, calibration: str | Path | None = None
 ) -> Iterator[Frame]:
     """Frames of a source. A path or URL is opened with `open_source`, and closed at the end.
 
@@ -49,6 +49,7 @@ def encode(
 
     Raises SettingsError or UnknownNameError when a setting is not allowed, before the first frame is read.
     """
+    several(frames, "encode", "frames")
     chosen = settings.changed(**changes) if settings else settings_from(dict(changes))
     encoder = StreamEncoder(check_offline(chosen))
 
@@ -68,6 +69,7 @@ def decode(messages: Iterable[bytes], *, layered: bool = False) -> Iterator[Fram
     layered: take refinements, too; they follow the message of their frame, which is given when the next message comes
     Raises DecodeError at the first message that cannot be decoded. To continue after errors use a StreamDecoder.
     """
+    several(messages, "decode", "messages")
     decoder = StreamDecoder()
     refined: RefinedFrame | None = None
     for data in messages:

@@ -24,6 +24,7 @@ LidarCodecError
 from __future__ import annotations
 
 from collections.abc import Iterable
+from difflib import get_close_matches
 
 
 def is_panic(error: BaseException) -> bool:
@@ -97,7 +98,9 @@ class UnknownNameError(LidarCodecError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.name, self.known = name, tuple(known)
-        super().__init__(f"unknown {kind} '{name}': choose one of {', '.join(self.known)}")
+        near = get_close_matches(name.lower(), self.known, 1, 0.75)
+        meant = f"did you mean {near[0]}? Otherwise choose" if near else "choose"
+        super().__init__(f"unknown {kind} '{name}': {meant} one of {', '.join(self.known)}")
 
 
 class MissingExtraError(LidarCodecError):

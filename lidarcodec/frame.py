@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import cloud_of
-from lidarcodec.errors import LidarCodecError
+from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
@@ -195,3 +195,9 @@ class Frame:
         HDL-64E the cloud has a field for each further plane, such as `signal` and `near_ir`.
         """
         return cloud_of(self, returns)
+
+
+def several(given: object, function: str, kind: str) -> None:
+    """Raise SettingsError if a single frame or message was given to a function that takes `kind`, many of them."""
+    if isinstance(given, Frame | bytes):
+        raise SettingsError(f"{function} takes {kind}, one after the other: write [{kind[:-1]}] for a single one", kind)

@@ -334,6 +334,8 @@ def valid_name(name: str, what: str) -> str:
     """
     if not is_name(name):
         raise SettingsError(
-            f"{what} '{name[:80]}' is not a valid name: use 1 to 64 of A-Z a-z 0-9 _ . -, not only dots", what
+            f"{what} '{name[:80]}' is not a valid name: use at most {MAX_NAME} letters (A-Z a-z), digits, _ . or -, "
+            "and not dots alone",
+            what,
         )
     return name

@@ -43,6 +43,21 @@ def test_a_typo_is_refused_by_its_name(call: Any) -> None:
         call(codex="pcodec")
 
 
+def test_one_frame_or_a_path_where_many_or_a_source_are_taken_is_refused_with_what_to_write(frames, tmp_path) -> None:
+    calls: list[tuple[Any, str]] = [
+        (lambda: lidarcodec.encode(frames[0]), r"write \[frame\]"),  # type: ignore[arg-type]
+        (lambda: next(lidarcodec.decode(b"message")), r"write \[message\]"),  # type: ignore[arg-type]
+        (lambda: lidarcodec.write_frames(frames[0], tmp_path / "a.ply"), r"write \[frame\]"),  # type: ignore[arg-type]
+        (lambda: lidarcodec.Publisher("a.pcap"), "open_source"),  # type: ignore[arg-type]
+        (lambda: lidarcodec.open_source("sim:city", calibration="no.xml"), "cannot read calibration no.xml"),
+    ]
+    for call, says in calls:
+        with pytest.raises(lidarcodec.LidarCodecError, match=says):
+            call()
+    with pytest.raises(AttributeError, match="did you mean read_frames"):
+        _ = lidarcodec.read_frame
+
+
 def test_no_public_function_takes_anything() -> None:
     for name in lidarcodec.__all__:
         thing = getattr(lidarcodec, name)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running import remaining
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite
-from lidarcodec.commands.turns import Turns
+from lidarcodec.commands.turns import Turns, turns_of
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensor_model import SensorModel
@@ -33,13 +32,12 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
         ending, text = _description(source.sensor)
         if text:
             check_free(_described_in(out, ending), force=force)
-        watch = None if source.sensor.is_hdl64e else TurnWatch(source.sensor)
         with whole(out, force=force) as output, progress("simulating", frames) as tick:
             described = bool(text) and not output.straight
             if described:
                 name_of = partial(_described_in, ending=ending)
                 output.companion(name_of, Path(ending).suffix).write_text(text, encoding="utf-8")
-            turns = Turns(source.packets(), stopped, tick, None, frames, watch)
+            turns = Turns(source.packets(), stopped, tick, None, frames, turns_of(source.sensor))
             turns.pass_over(skip)
             with output.beside.open("wb") as handle:
                 PcapWriter(handle).write_all(turns)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, UnknownNameError
+from lidarcodec.sources.drive import SCENES
 from lidarcodec.sources.spec import LIVE, parse
 
 
@@ -16,6 +17,9 @@ def is_endless(spec: str) -> bool:
 
 def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
     """Raise SettingsError if this source has no end. Live sources are checked only with `live_too`."""
+    parsed = parse(spec)
+    if parsed.scheme == "sim" and parsed.place and parsed.place not in SCENES:
+        raise UnknownNameError("simulated scene", parsed.place, SCENES)
     if frames is None and is_endless(spec) and (live_too or parse(spec).scheme not in LIVE):
         raise SettingsError(f"{spec} has no end: set its length with --frames N", "frames")
 

@@ -8,7 +8,13 @@ from itertools import chain
 from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.packet import Packet
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import FRAME_PACKETS
+
+
+def turns_of(sensor: SensorModel) -> RotationWatch | TurnWatch:
+    """What sees in the packets of this sensor where turns begin."""
+    return RotationWatch() if sensor.is_hdl64e else TurnWatch(sensor)
 
 
 class Turns:

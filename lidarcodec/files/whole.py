@@ -236,6 +236,8 @@ class Whole:
         if isinstance(error, FileExistsError):
             taken = error.filename2 or self.path
             return SourceError(f"{taken} was created by another program just now: it was kept, and nothing was written")
+        if isinstance(error, FileNotFoundError) and not self.path.parent.exists():
+            return SourceError(f"cannot write {self.path}: there is no folder {self.path.parent}")
         return SourceError(f"cannot write {self.path}: {error.strerror or error}")
 
     def _is_of(self, error: OSError) -> bool:

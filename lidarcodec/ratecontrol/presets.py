@@ -54,7 +54,8 @@ def preset(name: str) -> Preset:
     Raises SettingsError.
     """
     if name not in PRESETS:
-        raise SettingsError(f"--link must be one of {', '.join(PRESETS)}, not '{name}'", "link")
+        raise SettingsError(f"--link must be one of {', '.join(PRESETS)}, not '{name}'; another bitrate is "
+                            "--codec auto --set target_kbps=VALUE", "link")  # fmt: skip
     return PRESETS[name]
 
 

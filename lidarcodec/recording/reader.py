@@ -65,7 +65,10 @@ class RecordingReader:
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
         if not magic or not records.MAGIC.startswith(magic):
-            raise SourceError(f"{self._name} is not a recording: it does not begin like an MCAP file")
+            raise SourceError(
+                f"{self._name} is not a recording (.mcap); a capture is read by `convert`, and "
+                "named second in `verify RECORDING SOURCE`"
+            )
         self._data_start = min(self._size, len(records.MAGIC))
         self._read_beginning()
 

@@ -70,8 +70,10 @@ def _ouster(capture: Path | None, given: Path | None, payloads: Sequence[bytes],
         raise CalibrationError(f"metadata {path}: {error}") from error
     size = sensor_from(metadata).layout.packet_bytes
     if payloads and all(len(payload) != size for payload in payloads):
+        sent = len(payloads[0])
         raise CalibrationError(
-            f"metadata {path}: packets of that {found.model} have {size} bytes, and here is none such"
+            f"metadata {path} is of an {found.model} whose packets have {size} bytes, but here they have {sent}: give "
+            "the metadata that this sensor had at the time"
         )
     if model in OUSTERS and model != found.model:
         raise CalibrationError(f"metadata {path}: it is of an {found.model}, not of an {model}")
@@ -107,10 +109,7 @@ def beside(capture: Path) -> Iterator[Path]:
 
     The endings of capture and compression are removed: the name of `drive.pcap.xz` is `drive`.
     """
-    name = capture.name
-    if not capture.is_dir():
-        stem = capture.with_suffix("") if capture.suffix.lower() in COMPRESSIONS else capture
-        name = stem.stem
+    name = stem_of(capture)
     names = (f"{name}_db.xml", f"{name}.yaml", f"{name}.csv", "db.xml")
     candidates = [capture.parent / one for one in names]
     if capture.is_dir():
@@ -118,6 +117,13 @@ def beside(capture: Path) -> Iterator[Path]:
     for candidate in candidates:
         if candidate != capture and _is_file(candidate):
             yield candidate
+
+
+def stem_of(capture: Path) -> str:
+    """The name of a capture without its endings, or of a folder."""
+    if capture.is_dir():
+        return capture.name
+    return (capture.with_suffix("") if capture.suffix.lower() in COMPRESSIONS else capture).stem
 
 
 def _read(path: Path) -> bytes:

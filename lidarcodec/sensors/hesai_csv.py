@@ -45,7 +45,7 @@ def parse(data: bytes, channels: int) -> Calibration:
             raise CalibrationError(f"line {number}: channel {channel} does not exist, this sensor has 1 to {channels}")
         found[channel] = angles
     if len(found) != channels:
-        raise CalibrationError(f"it has {len(found)} channels: this sensor has {channels}")
+        raise CalibrationError(f"it has {len(found)} channels, and this sensor has {channels}: it is of another model")
     table = np.radians([found[channel] for channel in range(1, channels + 1)])
     return Calibration.from_values({"vert_correction_rad": table[:, 0], "rot_correction_rad": -table[:, 1]})
 

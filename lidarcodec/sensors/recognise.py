@@ -70,6 +70,19 @@ def check_recognised(payloads: Sequence[bytes]) -> Detected:
     raise PacketError(f"packets of {size} bytes are of no sensor that is known here: {REMEDY}")
 
 
+def another_than(model: str, payloads: Sequence[bytes]) -> str | None:
+    """What shows that these payloads are of another model than the one that was named; None if nothing does.
+
+    Raises UnknownNameError.
+    """
+    if model in (PACKETS, POINTCLOUD2) or (model in OUSTERS and takes(model, payloads)):
+        return None
+    found = recognised(payloads)
+    if found is None:
+        return None if takes(model, payloads) else "no packet fits"
+    return None if found.model == model else found.evidence
+
+
 def takes(model: str, payloads: Sequence[bytes]) -> bool:
     """Whether some of these payloads are packets of that model.
 

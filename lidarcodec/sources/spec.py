@@ -71,6 +71,13 @@ class Spec:
             raise SourceError(f"source option {name}={self.options[name]}: write a whole number")
         return None if value is None else int(value)
 
+    def model(self) -> str | None:
+        """The option `model` as the name that is used here: `VLP-16` is `vlp16`. None if it was not given."""
+        from lidarcodec.sensors.models.table import names
+
+        text = self.options.get("model")
+        return text if text is None else next((name for name in names() if _plain(name) == _plain(text)), text)
+
     def position_port(self) -> int | None:
         """The port of position packets: option `position`, 0 for `off`; None if it was not given.
 
@@ -87,6 +94,10 @@ class Spec:
         if text not in TRUE | FALSE:
             raise SourceError(f"source option {name}={text}: write 1 or 0")
         return text in TRUE
+
+
+def _plain(name: str) -> str:
+    return "".join(filter(str.isalnum, name.lower()))
 
 
 def address_of(text: str) -> IPv4Address | IPv6Address:

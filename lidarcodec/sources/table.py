@@ -47,8 +47,8 @@ class SourceClass(Protocol):
 def open_source(
     spec: str | Path,
     *,
-    calibration: Path | None = None,
-    poses: Path | None = None,
+    calibration: str | Path | None = None,
+    poses: str | Path | None = None,
     realtime: bool = False,
     convention: Convention = "ros",
     speed: float = 1.0,
@@ -65,9 +65,10 @@ def open_source(
     """
     parsed = parse(spec, SCHEMES)
     kind = kind_of(parsed)
-    source = _class(kind).from_spec(parsed, calibration)
+    source = _class(kind).from_spec(parsed, None if calibration is None else Path(calibration))
     try:
-        warn_if_generic(source.sensor, parsed.text if not source.live else source.label, live=source.live)
+        path = parsed.path if kind in ("capture", "recording") else None
+        warn_if_generic(source.sensor, source.label if source.live else parsed.text, path, live=source.live)
         source.sensor = source.sensor.with_convention(convention)
         if poses is not None:
             source.poses = _poses(Path(poses), source)

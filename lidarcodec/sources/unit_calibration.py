@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 from functools import cache
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, SensorModel
+from lidarcodec.sensors.find import stem_of
 from lidarcodec.sensors.generic import TABLES, generic_sensor
 from lidarcodec.sensors.models.ouster.sensor import METADATA_URL, bare_sensors
 from lidarcodec.sensors.models.table import OUSTERS, PACKETS, names, sensor_named
@@ -15,12 +17,12 @@ from lidarcodec.sources.base import REGRIDDED
 logger = logging.getLogger(__name__)
 
 MEANING: Final = "clouds can be wrong by up to about half a metre; packets and ranges are not affected"
-REMEDY: Final = "give --calibration FILE, or put NAME_db.xml beside the capture"
+REMEDY: Final = "give --calibration FILE, or put {name}_db.xml beside {file}"
 LIVE_REMEDY: Final = "give --calibration FILE, or wait for the sensor's own table"
 OTHER_MEANING: Final = "beams can be a few tenths of a degree off; packets and ranges are not affected"
-OTHER_REMEDY: Final = "give --calibration FILE, or put NAME.csv beside the capture"
+OTHER_REMEDY: Final = "give --calibration FILE, or put {name}.csv beside {file}"
 NO_METADATA: Final = "there are no points; packets and images are not affected"
-METADATA_REMEDY: Final = f"save {METADATA_URL} as NAME.json beside the capture, or give --calibration NAME.json"
+METADATA_REMEDY: Final = f"save {METADATA_URL} as {{name}}.json beside {{file}}, or give it with --calibration"
 MAX_SAID: Final = 256
 
 _WITHOUT: Final = (HDL64E, POINTCLOUD2, PACKETS, *OUSTERS)
@@ -68,8 +70,11 @@ def note_of(sensor: SensorModel) -> str | None:
     return None if note is None else f"{note.in_short}: {note.meaning}"
 
 
-def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> bool:
-    """Log what a generic calibration, or missing metadata, means, once for each source; returns whether it is so."""
+def warn_if_generic(sensor: SensorModel, label: str, path: Path | None = None, *, live: bool = False) -> bool:
+    """Log what a generic calibration, or missing metadata, means, once for each source; returns whether it is so.
+
+    path: of the capture, beside which a calibration may lie
+    """
     note = _note(sensor, live=live)
     if note is None:
         return False
@@ -77,5 +82,7 @@ def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> b
         if len(_said) >= MAX_SAID:
             _said.clear()
         _said.add(label)
-        logger.warning("%s: %s: %s; %s", label, note.what, note.meaning, note.remedy)
+        name, file = ("NAME", "NAME.pcap") if path is None else (stem_of(path), path.name)
+        remedy = note.remedy.format(name=name, file=file)
+        logger.warning("%s: %s: %s; %s", label, note.what, note.meaning, remedy)
     return True

@@ -28,7 +28,7 @@ CAUSES: Final[dict[str, str]] = {
     "queue drops": "packets dropped from a full queue",
     "other traffic": "frames without UDP",
     "unknown link type": "frames of an unknown link type",
-    "cut packets": "datagrams that the capture cut",
+    "cut packets": "datagrams of which the capture has only a part",
     "bad packets": "datagrams with wrong headers",
     "lost fragments": "datagrams that lack fragments",
     "bad fragments": "datagrams whose fragments do not fit",

@@ -114,7 +114,13 @@ def problem_of(error: Exception, what: str) -> ProblemError:
     if isinstance(error, HTTPException):
         if isinstance(error.__cause__, ProblemError):  # raised while the framework read the body
             return error.__cause__
-        return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+        headers = dict(error.headers or {})
+        detail = str(error.detail)
+        if detail == HTTPStatus(error.status_code).phrase:  # of the framework, which only repeats the title
+            allowed = headers.get("Allow", "another method")
+            said = {404: "there is no such address; /docs lists all", 405: f"this address takes {allowed}"}
+            detail = f"{what}: {said[error.status_code]}" if error.status_code in said else detail
+        return ProblemError(error.status_code, detail, headers=headers)
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
     if isinstance(error, ClientDisconnect):  # no client reads the answer, and it is not an error

@@ -140,6 +140,17 @@ def test_a_model_that_nobody_knows_is_refused_with_all_names(tmp_path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_a_wrong_model_is_told_and_any_spelling_of_the_right_one_is_taken(tmp_path, caplog) -> None:
+    path = made_capture(tmp_path, [VLP16] * 3)
+    with open_source(f"{path}?model=VLP-16") as source:
+        assert source.sensor.model == "vlp16"
+    assert not caplog.records
+    for model in ("hdl64e", "vlp32c", "xt32"):  # without a word, points would be wrong, or none
+        caplog.clear()
+        open_source(f"{path}?model={model}").close()
+        assert f"VLP-16, strongest return), but are read as {model}" in caplog.text
+
+
 def test_packets_of_another_model_than_the_named_one_come_back_too(tmp_path) -> None:
     path = made_capture(tmp_path, [VLP16] * 30)
     done = run("encode", path, tmp_path / "out.mcap", "--model", "xt32")
@@ -176,6 +187,16 @@ def test_packets_of_another_model_cost_no_live_recording(tmp_path, monkeypatch):
     assert done.returncode == 1
     assert "frames of another sensor were left out" in the_one_line(done)
     assert "4 frames" in done.stdout  # each of the two runs begins and ends within a turn
+
+
+def test_each_scan_of_a_bag_is_a_turn_and_two_sensors_keep_their_topics_apart(tmp_path) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="read back by rosbags (extra `bridges`)")
+    words = ("--topic", "/front/velodyne_packets", "--with-clouds", "--skip", 1, "--frames", 2)
+    done = run_here("convert", "sim:city?sensor=vlp16&frames=4", tmp_path / "bag", *words)
+    assert done.returncode == 0, done.stderr
+    with rosbag2.Reader(tmp_path / "bag") as reader:
+        counts = {one.topic: one.msgcount for one in reader.connections}
+    assert counts == {"/front/velodyne_packets": 2, "/front/velodyne_points": 2, "/tf": 2}
 
 
 def test_packets_of_another_length_cost_no_bag(tmp_path, monkeypatch):

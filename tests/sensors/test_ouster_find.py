@@ -68,7 +68,7 @@ def test_metadata_that_is_given_must_fit(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match=r"os\.json: it is of an os1-128, not of an os0-128"):
         find_sensor(None, path, PACKETS, "os0-128")
     path.write_bytes(as_json(flat_metadata("LEGACY")))
-    with pytest.raises(CalibrationError, match=r"packets of that os1-128 have 24896 bytes, and here is none such"):
+    with pytest.raises(CalibrationError, match=r"is of an os1-128 whose packets have 24896 bytes, but here they have"):
         find_sensor(None, path, PACKETS)
     path.write_bytes(b"{}")
     with pytest.raises(CalibrationError, match=r"metadata .*os\.json: it lacks the list beam_altitude_angles"):

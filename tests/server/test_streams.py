@@ -42,20 +42,21 @@ async def test_a_vehicle_that_was_there_before_the_server_is_seen(serving, vehic
 
 
 @pytest.mark.parametrize(
-    ("method", "path", "status"),
+    ("method", "path", "status", "says"),
     [
-        ("GET", "/api/v1/streams/nobody/roof", 404),
-        ("GET", "/api/v1/streams/a%20b/roof", 422),
-        ("GET", "/nothing", 404),
-        ("DELETE", "/healthz", 405),
+        ("GET", "/api/v1/streams/nobody/roof", 404, "was never seen"),
+        ("GET", "/api/v1/streams/a%20b/roof", 422, "vehicle"),
+        ("GET", "/nothing", 404, "GET /nothing: there is no such address"),
+        ("DELETE", "/healthz", 405, "this address takes GET"),
     ],
 )
-async def test_every_refusal_is_a_problem(serving, method, path, status):
+async def test_every_refusal_is_a_problem_that_says_what_is_wrong(serving, method, path, status, says):
     async with serving() as client:
         answer = await client.request(method, path)
     assert answer.status_code == answer.json()["status"] == status
     assert answer.headers["content-type"] == "application/problem+json"
     assert {"type", "title", "detail"} <= set(answer.json())
+    assert says in answer.json()["detail"]
 
 
 async def test_more_streams_than_allowed_are_left_out_and_those_gone_make_room(serving, vehicle):

@@ -89,6 +89,15 @@ def test_a_payload_is_found_in_every_wrapping(write, form):
     assert counts == {}
 
 
+def test_whole_position_packets_are_kept_though_their_ip_header_has_the_length_of_a_data_packet(write):
+    position = c.udp(bytes(512), port=8308)
+    wrong = c.ipv4(position)[:2] + struct.pack(">H", 1234) + c.ipv4(position)[4:]
+    path = write(c.pcap([c.frame(PAYLOADS[0]), c.ethernet(wrong), c.ethernet(wrong[:400])]))
+    with open_source(path) as source:
+        assert [packet.position for packet in source.packets()] == [False, True]
+        assert source.counts == {"position packets": 1, "cut packets": 1}
+
+
 def test_fragments_that_never_complete_are_counted_and_take_bounded_memory(write):
     whole = c.udp(PAYLOADS[1])
     lost = [c.ethernet(c.ipv4(whole[:800], identity=k, flags=0x2000)) for k in range(500)]
@@ -329,7 +338,8 @@ def test_captures_of_other_sensors_are_taken_by_name(data_file, name, model, pac
     with open_source(data_file(name)) as source:
         assert source.sensor.model == model
         assert sum(not packet.position for packet in source.packets()) == packets
-        assert set(source.counts) <= {"position packets", "truncated", "cut packets"}
+        assert set(source.counts) <= {"position packets", "truncated"}
+        assert source.counts["position packets"]
 
 
 def test_a_compressed_kitti_capture_streams(data_file):

@@ -243,7 +243,7 @@ def test_files_that_are_no_scans_are_refused(tmp_path):
     with pytest.raises(SourceError, match="xz data is cut"):
         open_source(tmp_path / "cut.bin.xz")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(SourceError, match="holds no scans"):
+    with pytest.raises(SourceError, match="no KITTI folder"):
         open_source(tmp_path / "empty")
     with pytest.raises(UnknownNameError, match="choose one of raw, odometry"):
         open_source(f"{tmp_path}/huge.bin?kind=lidar")

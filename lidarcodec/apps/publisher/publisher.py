@@ -36,7 +36,7 @@ from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, Record
 from lidarcodec.apps.worker.isolation import Isolate
 from lidarcodec.codecs.other_sensors import check_for
-from lidarcodec.errors import TransportError, WorkerError, told
+from lidarcodec.errors import SettingsError, TransportError, WorkerError, told
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import check
 from lidarcodec.settings import SettingChanges, StreamSettings
@@ -108,6 +108,8 @@ class Publisher:
         """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
+        if isinstance(source, str | Path):
+            raise SettingsError(f"a Publisher takes an open source: write open_source('{source}')", "source")
         asked = check_for(source.sensor, check(settings or StreamSettings()))
         live_rate = rate if isinstance(rate, int | float) and not source.live else NOMINAL_HZ
         self._coding = Coding(asked, 1.0 / (live_rate * FRAME_PACKETS), isolate, self._worker_failed, self._once)

@@ -10,6 +10,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from lidarcodec.assembly.any_sensor import TurnWatch
+from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, open_output
@@ -20,12 +22,13 @@ from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
-from lidarcodec.commands.turns import Turns
+from lidarcodec.commands.turns import Turns, turns_of
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.files.whole import check_free, whole
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
+from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
@@ -90,8 +93,6 @@ def run(
         whole(out, force=force, contents=contents) as output,
     ):
         mounted.given_to(source)
-        if (frames is not None or skip) and not source.sensor.is_hdl64e:
-            raise SettingsError("--frames and --skip of convert count turns of an HDL-64E: use encode", "frames")
         if wanted.form == "pcap" and source.sensor.is_cloud:
             raise SettingsError("a capture cannot hold point clouds: give the output no ending, for a rosbag2", "to")
         read = parse(spec).path
@@ -99,8 +100,8 @@ def run(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
         )
         metadata = _metadata_file(out, wanted.form, source.sensor, force)
-        of = None if source.sensor.is_hdl64e else FRAME_PACKETS
-        turns = Turns(selection.in_time(source.packets()), stopped, tick, of, frames)
+        of, watch = _turning(source.sensor, spec, numbered=frames is not None or skip > 0)
+        turns = Turns(selection.in_time(source.packets()), stopped, tick, of, frames, watch)
         turns.pass_over(skip)
         packets = iter(turns)
         first = next(packets, None)
@@ -133,6 +134,18 @@ def run(
     _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, turns.turns, skip=skip, frames=frames, live=source.live)
+
+
+def _turning(sensor: SensorModel, spec: str, *, numbered: bool) -> tuple[int | None, RotationWatch | TurnWatch | None]:
+    """Packets of a turn, and what sees where turns begin; 348 packets where none are seen.
+
+    Raises SettingsError if turns are to be `numbered` there.
+    """
+    if sensor.model not in (PACKETS, POINTCLOUD2):
+        return None, turns_of(sensor)
+    if numbered:
+        raise SettingsError(f"--frames and --skip count turns, and {spec} shows none: use --from and --to", "frames")
+    return FRAME_PACKETS, None
 
 
 def _tell(

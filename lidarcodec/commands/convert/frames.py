@@ -94,7 +94,7 @@ class _Recorded:
 
     def __iter__(self) -> Iterator[Frame]:
         for frame in with_poses(self._recorded, self._poses, self._mount):
-            warn_if_generic(frame.sensor, str(self._path))
+            warn_if_generic(frame.sensor, str(self._path), self._path)
             yield frame
 
     def finish(self) -> None:

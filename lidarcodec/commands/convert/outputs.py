@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
-from lidarcodec.assembly.rotation import RotationWatch
+from lidarcodec.commands.turns import turns_of
 from lidarcodec.errors import PacketError, SettingsError
 from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.mounting import MOUNT_TEXT
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.recording import RecordingWriter, RosbagWriter
-from lidarcodec.recording.rosbag import CLOUDS_TOPIC, FRAME_ID, PACKETS_TOPIC, POINTS_TOPIC
+from lidarcodec.recording.rosbag import CLOUDS_TOPIC, FRAME_ID, PACKETS_TOPIC
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
@@ -104,12 +105,12 @@ class _Capture:
 
 
 class _Batches:
-    """Collects packets into batches. put: gets each batch; the last one may be empty;  turns: a batch is a turn of an
-    HDL-64E, and never more than MAX_PACKETS; else 348 packets"""
+    """Collects packets into batches. put: gets each batch; the last one may be empty;  turns: of this sensor, a batch
+    each, and never more than MAX_PACKETS; else 348 packets"""
 
-    def __init__(self, put: Callable[[list[Packet]], None], *, turns: bool = False) -> None:
+    def __init__(self, put: Callable[[list[Packet]], None], *, turns: SensorModel | None = None) -> None:
         self._put, self._most = put, MAX_PACKETS if turns else FRAME_PACKETS
-        self._rotation = RotationWatch() if turns else None
+        self._rotation = None if turns is None else turns_of(turns)
         self._batch: list[Packet] = []
 
     def add(self, packet: Packet) -> None:
@@ -150,14 +151,14 @@ class Bag:
 
     def __init__(self, wanted: Wanted, handle: BinaryIO, source: PacketSource) -> None:
         sensor, self._poses, self._mount = source.sensor, source.poses, source.mount
-        points_topic = (
-            POINTS_TOPIC if not sensor.is_cloud else CLOUDS_TOPIC if wanted.topic == PACKETS_TOPIC else wanted.topic
-        )
+        points_topic = CLOUDS_TOPIC if wanted.topic == PACKETS_TOPIC else wanted.topic
+        if not sensor.is_cloud:  # two sensors, each with a topic of its own, keep their points apart, too
+            points_topic = wanted.topic.removesuffix("_packets") + "_points"
         self.writer = RosbagWriter(
             handle, packets_topic=wanted.topic, points_topic=points_topic, frame_id=wanted.frame_id
         )
         self._clouds = sensor.is_cloud
-        self._batches = _Batches(self.writer.write_scan, turns=sensor.is_hdl64e)
+        self._batches = _Batches(self.writer.write_scan, turns=sensor)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._positions = self._packets = self.left_out = 0
 
@@ -172,7 +173,8 @@ class Bag:
         if (size := len(packet.payload)) != PACKET_BYTES:
             if not self._packets:
                 raise PacketError(
-                    f"a rosbag holds packets of a Velodyne, {PACKET_BYTES} bytes, but this one has {size}"
+                    f"a rosbag of packets is for a Velodyne, and this sensor sends {size} bytes, not {PACKET_BYTES}: "
+                    "for its points add --as clouds (a file, .mcap) or --as ply (a folder of files)"
                 )
             self.left_out += 1
             return

@@ -77,6 +77,8 @@ FORMS: Final = {
         Form("kitti", ".bin", "kitti:KittiScan", numbered=False),
     )
 }
+NUMBERED: Final = re.compile(r"%0?\d*d")
+"""How other programs name a file for each frame."""
 ENDINGS: Final = tuple(dict.fromkeys(form.ending for form in FORMS.values() if not form.only_each))
 
 
@@ -92,12 +94,17 @@ def form_of(path: Path, name: str | None = None, *, folder: str | None = None, f
     Raises UnknownNameError, or SettingsError if there is none or the path does not fit.
     """
     ending = suffix(path)
+    if NUMBERED.search(path.name):
+        raise SettingsError(
+            f"{path} names no numbered files: a folder, with --as {name or ending[1:]}, gets a file for each frame"
+        )
     if name is None:
         name = folder if not ending else next((one.name for one in FORMS.values() if one.ending == ending), None)
         if name is None or (ending and FORMS[name].only_each):
             known = f"{' '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
             raise SettingsError(
-                f"cannot write {path}: its name must end in {known}, or be a folder for one file a frame"
+                f"cannot write {path}: its name must end in {known}; a folder, with --as FORMAT, gets a file for each "
+                "frame"
             )
     if name not in FORMS:
         raise UnknownNameError("format", name, dict.fromkeys((*further, *FORMS)))

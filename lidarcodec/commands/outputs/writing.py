@@ -19,7 +19,7 @@ from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import whole
-from lidarcodec.frame import Frame
+from lidarcodec.frame import Frame, several
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +35,7 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
     the number of a return, MissingExtraError if the format needs a library that is not installed, SourceError if there
     are no frames, OSError if the file cannot be written.
     """
+    several(frames, "write_frames", "frames")
     path = Path(out)
     form = form_of(path, folder="kitti")
     check_output(path, form, force=force)

@@ -184,6 +184,13 @@ def summary_line(status: dict[str, Any]) -> str:
     return (
         f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
-        + f", {status['left_out']} left out to keep the target"
-        * bool(status["left_out"])
+        + f", {status['left_out']} left out to keep the target" * bool(status["left_out"])
+        + too_much(status)
     )
+
+
+def too_much(status: dict[str, Any]) -> str:
+    """What to do where most frames were replaced by newer ones; an empty text where few were."""
+    if status["frames"] == 0 or status["replaced"] <= status["frames"]:
+        return ""
+    return "; the link, or this processor, carries less than the sensor sends: --link 1mbit sends less"

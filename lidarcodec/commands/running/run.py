@@ -15,6 +15,7 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.running.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.running.hints import hint_for
 from lidarcodec.commands.running.open_files import raise_limit
 from lidarcodec.commands.running.options import command_line
 from lidarcodec.commands.running.remaining import remember
@@ -40,12 +41,14 @@ def _one_line(error: BaseException) -> str:
     return text
 
 
-def _complain(error: BaseException) -> int:
-    """Print an error as one line. Returns its exit code."""
+def _complain(error: BaseException, words: list[str]) -> int:
+    """Print an error as one line. Returns its exit code. words: the arguments"""
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         path = context.command_path if context else "lidarcodec"
-        text = " ".join(error.format_message().split()).rstrip(".")
+        hint = hint_for(error, words)
+        said = error.message if hint else error.format_message()  # other options are no better than the hint
+        text = " ".join(said.split()).rstrip(".") + (f": {hint}" if hint else "")
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
@@ -110,7 +113,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
         return int(code or DONE) if signal_that_came() is None else _stopped(given)
     except Exception as error:
         if not debug:
-            return _complain(error)
+            return _complain(error, given)
         traceback.print_exception(error)
         return WRONG_USAGE if isinstance(error, (*_USAGE, typer.TyperException)) else FAILED
     finally:

@@ -77,7 +77,7 @@ def sensor_named(model: str) -> Sensor:
     Raises UnknownNameError; CalibrationError for an Ouster, which needs its description.
     """
     if model in OUSTERS:
-        raise CalibrationError(f"{model} needs its metadata: save {METADATA_URL} as NAME.json beside the capture")
+        raise CalibrationError(f"{model} needs its metadata: save {METADATA_URL} as NAME.json beside NAME.pcap")
     if is_ouster(model):
         return bare_sensors()[model]
     if model not in _MODELS:

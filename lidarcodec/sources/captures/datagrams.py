@@ -84,7 +84,9 @@ class DatagramReader:
         if head < 20 or total < head:
             return self._skip("bad packets")
         if total > len(packet):
-            return self._skip("cut packets")
+            if flags & 0x3FFF or not _whole_udp(packet[head:]):
+                return self._skip("cut packets")
+            total = len(packet)  # a VLP-16 writes the size of its data packets into the header of its position packets
         source, target, body = packet[12:16], packet[16:20], packet[head:total]
         if flags & 0x3FFF:
             offset, more = (flags & 0x1FFF) * 8, bool(flags & 0x2000)
@@ -126,6 +128,11 @@ class DatagramReader:
     def _skip(self, cause: str) -> Datagram | None:
         self._counts[cause] += 1
         return None
+
+
+def _whole_udp(body: bytes) -> bool:
+    """Whether the datagram is as long as its own header says, whatever the header before it says."""
+    return len(body) >= 8 and 8 <= int.from_bytes(body[4:6], "big") <= len(body)
 
 
 _LINKS: Final = {

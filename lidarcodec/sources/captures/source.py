@@ -35,6 +35,9 @@ MAX_STREAMS: Final = 64
 """Most streams of a capture in the search for the sensor's stream."""
 POSITIONS: Final = "position packets"
 
+OF_POINTS: Final = frozenset({".ply", ".pcd", ".las", ".laz", ".csv", ".npz", ".e57"})
+"""Endings of files that `convert` writes and nothing here reads."""
+
 Stream = tuple[bytes, int]
 """Sender's address and destination port."""
 
@@ -68,6 +71,8 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
         return read_pcap(stream, head, ending)
     if head[:4] == PCAPNG_MAGIC:
         return read_pcapng(stream, head, ending, counts)
+    if path.suffix.lower() in OF_POINTS:
+        raise SourceError(f"{path} holds points, and points cannot become packets again: give the capture or recording")
     what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
     raise SourceError(f"{path} is not a pcap or pcapng file: {what}")
 
@@ -120,7 +125,7 @@ class CaptureSource(PacketSource):
         """The source for a path with options `?port=`, `?src=` and `?position=`."""
         spec.only("port", "src", "position", "model")
         port, src = spec.whole("port", 1, 65535), spec.options.get("src")
-        return cls(spec.path, calibration, port, src, spec.position_port(), spec.options.get("model"))
+        return cls(spec.path, calibration, port, src, spec.position_port(), spec.model())
 
     def packets(self) -> Iterator[Packet]:
         """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
@@ -230,10 +235,18 @@ def _recognised(
     wanted: list[Stream], streams: dict[Stream, list[bytes]], model: str | None
 ) -> tuple[Stream, str | None]:
     """The first of these streams that is of the named model, or of a known one; None as its model: there is none."""
-    from lidarcodec.sensors.recognise import recognised, takes
+    from lidarcodec.sensors.recognise import another_than, recognised, takes
 
     if model is not None:
-        return next((one for one in wanted if takes(model, streams[one])), wanted[0]), model
+        chosen = next((one for one in wanted if takes(model, streams[one])), wanted[0])
+        if (evidence := another_than(model, streams[chosen])) is not None:
+            logger.warning(
+                "these packets look like those of another sensor (%s), but are read as %s, because --model says so: "
+                "there may be no points, or wrong ones; packets are not affected",
+                evidence,
+                model,
+            )
+        return chosen, model
     for stream in wanted:
         found = recognised(streams[stream])
         if found is not None:

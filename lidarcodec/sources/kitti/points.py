@@ -89,7 +89,16 @@ def _files(folder: Path) -> list[Path]:
             found = sorted(file for file in inner.iterdir() if file.name.endswith((".bin", ".bin.xz")))
             if found:  # .bin and .bin.xz of one name are the same scan
                 return sorted({file.name.partition(".")[0]: file for file in reversed(found)}.values(), key=_place)
-    raise SourceError(f"{folder} holds no scans: there is no *.bin in it, nor in {', '.join(FOLDERS[1:])}")
+    raise SourceError(
+        f"{folder} is no rosbag2 (it has no metadata.yaml) and no KITTI folder (it has no *.bin, nor have "
+        f"{', '.join(FOLDERS[1:])} in it){_captures_in(folder)}"
+    )
+
+
+def _captures_in(folder: Path) -> str:
+    """Of a folder of captures, which one to name."""
+    found = sorted(one.name for one in folder.iterdir() if one.suffix in (".pcap", ".pcapng", ".mcap"))
+    return f"; a capture or recording is named itself, such as {folder / found[0]}" if found else ""
 
 
 def _place(file: Path) -> tuple[int, str]:

@@ -47,6 +47,7 @@ SCAN: Final = ros.VELODYNE_SCAN.name.replace("/msg/", "/")
 CLOUD: Final = ros.POINT_CLOUD2.name.replace("/msg/", "/")
 CODED: Final = ros.COMPRESSED_CLOUD.name.replace("/msg/", "/")
 FIRST_CLOUDS: Final = 2
+NAMED_TYPES: Final = 8
 """Clouds that are looked at before the reading begins."""
 _WHAT: Final = {SCAN: "packets", CLOUD: "clouds", CODED: "compressed clouds"}
 _MAX_FILES: Final = 4096
@@ -92,7 +93,7 @@ class RosbagSource(PacketSource):
     def from_spec(cls, spec: Spec, calibration: Path | None) -> RosbagSource:
         """The source for a path with an option `?topic=`."""
         spec.only("topic", "model")
-        return cls(spec.path, calibration, spec.options.get("topic"), spec.options.get("model"))
+        return cls(spec.path, calibration, spec.options.get("topic"), spec.model())
 
     def packets(self) -> Iterator[Packet]:
         """Packets in the order of the files, from the first at each call."""
@@ -221,7 +222,8 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | No
         return wanted, types[wanted]
     kind = next((kind for kind in sought if has[kind]), None)
     if kind is None:
-        raise SourceError(f"{path} has neither {SCAN} nor {CLOUD} nor {CODED} among its {len(topics)} topics")
+        raise SourceError(f"{path} has no {' or '.join(sought)}; its topics have "
+                          f"{', '.join(sorted(set(types.values()))[:NAMED_TYPES]) or 'no messages'}")  # fmt: skip
     if len(has[kind]) > 1:
         chosen = f"choose one with ?topic=NAME, of {', '.join(has[kind])}"
         raise SourceError(f"{path} has {_WHAT[kind]} on several topics: {chosen}")

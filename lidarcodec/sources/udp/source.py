@@ -142,7 +142,7 @@ class UdpSource(PacketSource):
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
         """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=&model=`."""
         spec.only("src", "any", "idle", "wait", "interface", "share", "position", "model")
-        if spec.options.get("model") == POINTCLOUD2:
+        if spec.model() == POINTCLOUD2:
             raise SourceError(f"{spec.text}: point clouds come from bags, or live from ros2:/TOPIC, not over UDP")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
@@ -160,7 +160,7 @@ class UdpSource(PacketSource):
             interface=spec.options.get("interface"),
             share=spec.flag("share"),
             position=spec.position_port(),
-            model=spec.options.get("model"),
+            model=spec.model(),
         )
 
     def packets(self) -> Iterator[Packet]:

@@ -5,6 +5,7 @@ A client that connects meanwhile waits in the system's queue. Nothing heavy is i
 
 from __future__ import annotations
 
+import errno
 import socket
 import ssl
 import sys
@@ -87,6 +88,9 @@ def listen(host: str, port: int) -> socket.socket:
             listener.close()
             raise
     except OSError as error:
-        raise TransportError(f"cannot listen on {host} port {port}: {error.strerror}") from None
+        why = error.strerror
+        if error.errno == errno.EADDRINUSE:
+            why = "another program uses it: end that one, or choose another with --port"
+        raise TransportError(f"cannot listen on {host} port {port}: {why}") from None
     listener.set_inheritable(sys.platform == "win32")
     return listener

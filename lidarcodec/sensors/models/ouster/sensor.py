@@ -148,7 +148,7 @@ class OusterSensor:
         metadata = self.metadata
         if metadata is None:
             raise CalibrationError(
-                f"points of an Ouster need its metadata: save {METADATA_URL} as NAME.json beside the capture"
+                f"points of an Ouster need its metadata: save {METADATA_URL} as NAME.json beside NAME.pcap"
             )
         encoder = images.series["measurement_id"].astype(np.float64) * (-2 * np.pi / metadata.columns_per_frame)
         angles = np.stack([np.cos(encoder), np.sin(encoder), np.ones(len(encoder))])

@@ -1,0 +1,49 @@
+"""Hints for options that do not exist: which one was meant, or how a setting is written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Final
+
+MEANT: Final = {
+    "format": "--as FORMAT",
+    "output": "OUT, without an option",
+    "bitrate": "--set target_kbps=VALUE",
+    "target": "--set target_kbps=VALUE",
+    "error": "--set max_error_m=VALUE",
+}
+"""Names that people try, and what they mean here."""
+
+
+def hint_for(error: Any, words: Sequence[str]) -> str:
+    """What to write instead of what the command line refused; an empty text if that is not known.
+
+    words: the arguments
+    """
+    known = {name for one in getattr(getattr(error, "ctx", None), "command", _NOTHING).params for name in one.opts}
+    settable = "--set" in known
+    for before, word in pairwise(words):
+        if settable and before == "--set" and "=" not in word:
+            return f"write --set {word}=VALUE"
+    name = str(getattr(error, "option_name", "")).lstrip("-").replace("-", "_")
+    if not name:
+        return ""
+    meant = MEANT.get(name, "")
+    if (meant.startswith("--") and meant.split()[0] in known) or meant.startswith("OUT"):
+        return f"write {meant}"
+    return _setting(name) if settable else ""
+
+
+def _setting(name: str) -> str:
+    from lidarcodec.settings import StreamSettings
+
+    fields = [field for field in StreamSettings.model_fields if field.startswith(name)]
+    return f"write --set {fields[0]}=VALUE" if len(name) > 2 and fields else ""
+
+
+class _Nothing:
+    params: tuple[Any, ...] = ()
+
+
+_NOTHING: Final = _Nothing()
