@@ -2,7 +2,7 @@
 
 LidarCodecError
   DecodeError(offset)                 bytes from outside that cannot be decoded
-    PacketError                       a payload that is not a 1206-byte packet of a supported sensor
+    PacketError                       a payload that is not a packet of the sensor, or of any known one
     HeaderError                       a message header that contradicts itself
       UnsupportedVersionError         another major version, or an unknown codec
         MissingCodecError(extra)      a codec whose optional dependency is not installed; a MissingExtraError as well
@@ -50,7 +50,7 @@ class DecodeError(LidarCodecError):
 
 
 class PacketError(DecodeError):
-    """A payload that is not a 1206-byte packet of a supported sensor."""
+    """A payload that is not a packet of the sensor, or of any known one."""
 
 
 class HeaderError(DecodeError):

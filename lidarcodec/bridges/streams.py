@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
@@ -19,6 +19,9 @@ from lidarcodec.transport import Endpoints, Transport
 from lidarcodec.transport.keys import StreamKeys
 
 logger = logging.getLogger(__name__)
+
+ABSENT_S: Final = 1.0
+"""After this time without a publisher, a stream is said to have none."""
 
 TICK_S = 0.2
 
@@ -126,6 +129,11 @@ class Streams:
         live = self.live[key]
         try:
             with live:
+                if (first := live.next(ABSENT_S)) is not None:
+                    self._hand_on(key, first)
+                elif not live.alive and not live.ended:
+                    name = f"{key.vehicle}/{key.sensor}"
+                    logger.warning("nobody publishes %s yet; waiting. Check the name, and --connect", name)
                 for frame in live:
                     self._hand_on(key, frame)
         except LidarCodecError as error:

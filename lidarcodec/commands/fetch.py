@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
+import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
@@ -22,10 +24,13 @@ from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.transport import open_transport
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.times import rfc_3339
 
 log = logging.getLogger(__name__)
 
 PLAN = "plan.json"
+BEFORE_NOW: Final = re.compile(r"-[0-9]{1,6}([.][0-9]{1,3})?", re.ASCII)
+"""Seconds before now: `-30`."""
 
 
 def run(
@@ -44,7 +49,11 @@ def run(
     Raises SettingsError, SourceError if there is nothing to fetch, TransportError, StoppedError after a signal.
     """
     check_quality(quality)
-    clip = Clip(StreamKeys.parse(key), *span_of(*span, now_ns=time.time_ns()))
+    now_ns = time.time_ns()
+    begin, end = (absolute(text, now_ns) for text in span)
+    if (begin, end) != span:
+        sys.stderr.write(f"the clip is --from {begin} --to {end}; write it so to continue after a cut\n")
+    clip = Clip(StreamKeys.parse(key), *span_of(begin, end, now_ns=now_ns))
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"{out}: a clip is a recording: give a name that ends in .mcap", "out")
     check_free(out, force=force)
@@ -69,6 +78,17 @@ def run(
         log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
     about = {"output": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
     tell(about, _line(about), as_json)
+
+
+def absolute(text: str, now_ns: int) -> str:
+    """A time as it is, or that of `now`, or so many seconds before it.
+
+    >>> absolute("-30", 1_764_158_430 * 10**9), absolute("2026-11-26T12:00:00Z", 0)
+    ('2025-11-26T12:00:00.000Z', '2026-11-26T12:00:00Z')
+    """
+    if text != "now" and not BEFORE_NOW.fullmatch(text):
+        return text
+    return rfc_3339(now_ns - (0 if text == "now" else int(-float(text) * 1e9)))
 
 
 def _plan_name(clip: Clip) -> str:

@@ -68,7 +68,8 @@ def open_source(
     source = _class(kind).from_spec(parsed, None if calibration is None else Path(calibration))
     try:
         path = parsed.path if kind in ("capture", "recording") else None
-        warn_if_generic(source.sensor, source.label if source.live else parsed.text, path, live=source.live)
+        if not getattr(source, "silent", False):
+            warn_if_generic(source.sensor, source.label if source.live else parsed.text, path, live=source.live)
         source.sensor = source.sensor.with_convention(convention)
         if poses is not None:
             source.poses = _poses(Path(poses), source)

@@ -434,10 +434,21 @@ def _open_at_last(config: zenoh.Config, stop: threading.Event | None, waits_for:
             if waits_for is None or waits_for not in str(error):
                 raise
             if not told:
-                logger.warning("%s; trying again until it works", error)
+                logger.warning("%s; trying again until it works", _plainly(str(error)))
                 told = True
             if (stop or threading.Event()).wait(RETRY_S):
                 raise TransportError("stopped before the network could be reached") from None
+
+
+def _plainly(error: str) -> str:
+    """What an error of Zenoh about addresses that do not answer means; other errors as they are.
+
+    >>> _plainly("cannot open a Zenoh session: Unable to connect to any of [Single(tcp/10.0.0.7:7447)]. Timeout!")
+    'cannot connect to tcp/10.0.0.7:7447: nothing answers there, or it refuses this machine'
+    """
+    places = re.findall(r"Single\(([^()\s]{1,200})\)", error) if UNREACHABLE in error else []
+    told = f"cannot connect to {' or '.join(places)}: nothing answers there, or it refuses this machine"
+    return told if places else error
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:

@@ -41,6 +41,18 @@ def test_a_frame_that_cannot_be_handed_on_ends_no_stream(network, caplog, error)
     assert caplog.text.count(str(error)) == 1
 
 
+def test_a_stream_that_nobody_publishes_is_told_and_waited_for(network, caplog):
+    came = threading.Event()
+    streams = Streams(["car-7/rof"], lambda key, frame: came.set(), transport=network())
+    streams.start()
+    try:
+        assert eventually(lambda: "nobody publishes car-7/rof yet; waiting" in caplog.text, 60)
+        with Publisher(Loop(), vehicle="car-7", sensor="rof", rate=5.0, transport=network()):
+            assert came.wait(60)
+    finally:
+        streams.close()
+
+
 def test_a_network_that_failed_for_good_ends_the_bridge_and_is_told(network):
     came = threading.Event()
 

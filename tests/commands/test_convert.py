@@ -70,7 +70,7 @@ def test_a_bag_is_read_by_a_public_package_packets_and_points(tmp_path, capture)
     with rosbag2.Reader(tmp_path / "bag") as reader:
         assert {one.topic: one.msgtype for one in reader.connections} == {
             "/roof/velodyne_packets": ros.VELODYNE_SCAN.name,
-            "/velodyne_points": ros.POINT_CLOUD2.name,
+            "/roof/velodyne_points": ros.POINT_CLOUD2.name,
         }
         assert reader.message_count == 6
         for connection, _, data in reader.messages():

@@ -18,9 +18,14 @@ from lidarcodec.commands.signatures.common import AsJson, Connect, Force, Listen
 def fetch(
     key: Annotated[str, typer.Argument(metavar="VEHICLE/SENSOR", show_default=False, help="The stream.")],
     begin: Annotated[
-        str, Option("--from", metavar="TIME", help="Begin of the clip: RFC 3339, or nanoseconds since 1970.")
+        str,
+        Option(
+            "--from",
+            metavar="TIME",
+            help="Begin of the clip: RFC 3339, seconds before now such as -30, or nanoseconds since 1970.",
+        ),
     ],
-    end: Annotated[str, Option("--to", metavar="TIME", help="End of the clip, at most an hour later.")],
+    end: Annotated[str, Option("--to", metavar="TIME", help="End of the clip, at most an hour later; or `now`.")],
     out: Annotated[Path, Option("--out", "-o", metavar="OUT.mcap", help="The recording to write.")],
     quality: Annotated[str, Option("--quality", metavar="exact", help="Only `exact` can be fetched.")] = "exact",
     patience: Annotated[

@@ -136,6 +136,8 @@ class UdpSource(PacketSource):
             self.close()
             raise
         self.sensor = self._given = self._now
+        self.silent = self._first is not None and not self._unknown and not self._held
+        """Whether nothing came so far: which sensor it is, and with which calibration, is not known yet."""
         self._opened = True
 
     @classmethod
@@ -179,7 +181,7 @@ class UdpSource(PacketSource):
                     packet, sensor = self._held.popleft()
                     if self._last_ns is not None and packet.stamp_ns > self._last_ns:
                         return
-                    if sensor is not self._given or isinstance(packet, FirstPacket):
+                    if sensor is not self._given or self.silent or isinstance(packet, FirstPacket):
                         self._give(sensor)
                     yield packet
                 heard, told = time.monotonic(), True
@@ -292,7 +294,7 @@ class UdpSource(PacketSource):
 
     def _give(self, sensor: SensorModel) -> None:
         """Packets of another sensor, or with another calibration, follow."""
-        before, self._given = self._given, sensor
+        before, self._given, self.silent = self._given, sensor, False
         self.sensor = sensor.with_convention(self.sensor.convention)
         if before.model != sensor.model:
             logger.warning("%s: from now on packets of a %s are read", self.label, sensor.name)

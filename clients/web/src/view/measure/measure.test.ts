@@ -3,7 +3,7 @@ import { identity, type Pose } from "../matrix";
 import { parseFrame } from "../stream/frame";
 import { type SensorEvent, sensorTable } from "../stream/sensor";
 import { message } from "../testing";
-import { rows } from "./panel";
+import { MISSED, rows } from "./panel";
 import { pick } from "./pick";
 import { pointOf } from "./point";
 import { onScreen, Ruler } from "./ruler";
@@ -141,6 +141,13 @@ describe("the ruler", () => {
     const told = rows([at(10, 0, 0, 100)], -1.7, null);
     expect(told).toContainEqual(["above the road", "1.70 m"]);
     expect(told).toContainEqual(["", "filled in"]);
+  });
+
+  test("a click that meets no point is told, and what was picked stays", () => {
+    expect(rows([], 0, null, true)).toEqual([[MISSED]]);
+    const told = rows([at(10, 0, 0, 100)], -1.7, null, true);
+    expect(told).toContainEqual([MISSED]);
+    expect(told).toContainEqual(["above the road", "1.70 m"]);
   });
 
   test("of two frames without a pose nobody can say, and that is told", () => {

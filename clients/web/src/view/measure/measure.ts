@@ -70,10 +70,9 @@ export class Measure {
     }
     const { box, ground } = scene;
     const found = pick(seen, spot, (point) => !box || isInside(box, point, ground));
-    if (!found) return false;
-    this.#ruler.take(found);
-    this.#panel.show(rows(this.#ruler.picked, scene.ground, this.#ruler.between));
-    return true;
+    if (found) this.#ruler.take(found);
+    this.#panel.show(rows(this.#ruler.picked, scene.ground, this.#ruler.between, !found));
+    return found !== null;
   }
 
   /** Put the marks where the points are in the picture that is drawn now. */

@@ -5,13 +5,14 @@ import type { Between } from "./ruler";
 
 const SVG = "http://www.w3.org/2000/svg";
 export const HINT = "Click or tap a point to see its fields, then another one to measure. Escape begins again.";
+export const MISSED = "No point there: click nearer to one.";
 
 export function metres(value: number): string {
   return `${value.toFixed(2)} m`;
 }
 
-/** The rows of the panel: what a number is, then the number, for both points side by side. */
-export function rows(picked: readonly Picked[], ground: number, apart: Between | null): string[][] {
+/** The rows of the panel: what a number is, then the number, for both points side by side. missed: a click met none. */
+export function rows(picked: readonly Picked[], ground: number, apart: Between | null, missed = false): string[][] {
   const both = (name: string, said: (one: Picked) => string) => [name, ...picked.map(said)];
   const out: string[][] = [];
   if (apart) {
@@ -19,7 +20,8 @@ export function rows(picked: readonly Picked[], ground: number, apart: Between |
     out.push(["height", metres(apart.up)]);
     if (apart.uncertain) out.push(["Wrong if the vehicle moved: two frames, and no pose."]);
   }
-  if (picked.length === 0) return [[HINT]];
+  if (missed) out.push([MISSED]);
+  if (picked.length === 0) return missed ? out : [[HINT]];
   out.push(["", "A", "B"].slice(0, picked.length + 1));
   if (picked.some(({ stream }) => stream !== null))
     out.push(both("stream", ({ stream }) => stream ?? "the chosen one"));
