@@ -88,7 +88,8 @@ class CodedRecording:
     def summary(self) -> str:
         """Numbers of frames and bytes, in a line."""
         size = self.payload_bytes
-        coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
+        ratio = f", ratio {size / self.coded:.2f}" * (not self.left_out)  # else it would count what is not there
+        coded = f"{size:,} bytes of packets in {self.coded:,} bytes{ratio}"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
         positions = f"{counted(self.positions, 'position packet')}, " * bool(self.positions)
         return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}, all decoded again and compared"

@@ -17,7 +17,7 @@ from pathlib import Path
 from lidarcodec.cloud import Returns, second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
 from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame, several
 
@@ -38,6 +38,8 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
     several(frames, "write_frames", "frames")
     path = Path(out)
     form = form_of(path, folder="kitti")
+    if not force and (path.is_file() or (path.is_dir() and any(path.iterdir()))):
+        raise SettingsError(f"{path} exists: choose another name, or pass force=True to replace it")
     check_output(path, form, force=force)
     check_returns(form, returns)
     rest = iter(frames)
