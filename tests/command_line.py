@@ -10,6 +10,7 @@ from pathlib import Path
 from unittest import mock
 
 from lidarcodec import cli
+from tests import forks
 
 ROOT = Path(__file__).resolve().parent.parent
 COMMAND = [sys.executable, "-m", "lidarcodec"]
@@ -26,7 +27,7 @@ def environment(**more):
     return clean | {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": "1"} | more
 
 
-class Running(subprocess.Popen):
+class Running(forks.Process):
     """A command that runs. If it does not end in time, the test fails with the stacks of its threads."""
 
     def communicate(self, input=None, timeout=None):
@@ -52,15 +53,13 @@ def start(*words, variables=None, **options):
 
 def run(*words, cwd=None, limit_s=LIMIT_S, **variables):
     """A command from beginning to end: `returncode`, `stdout` and `stderr`."""
-    return subprocess.run(
-        [*COMMAND, *map(str, words)],
-        capture_output=True,
-        text=True,
-        env=environment(**variables),
-        cwd=cwd,
-        timeout=limit_s,
-        check=False,
-    )
+    with start(*words, variables=variables, cwd=cwd) as process:
+        try:
+            out, complaints = process.communicate(timeout=limit_s)
+        except BaseException:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, out, complaints)
 
 
 def run_here(*words):

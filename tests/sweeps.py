@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable
+from itertools import product
 from typing import Any
 
 import pytest
@@ -21,9 +22,17 @@ def examples(count: int) -> int:
 
 def sampled(cases: Iterable[Any], kept: Collection[Any]) -> list[Any]:
     """Cases of a parameter, or tuples for several; those not among `kept` are run by `make sweeps` alone."""
-    return [case if case in kept else _swept(case) for case in cases]
+    return [case if case in kept else marked(case, pytest.mark.sweep) for case in cases]
 
 
-def _swept(case: Any) -> Any:
-    values = case if isinstance(case, tuple) else (case,)
-    return pytest.param(*values, marks=pytest.mark.sweep)
+def marked(case: Any, mark: pytest.MarkDecorator) -> Any:
+    """A case of a parameter, or a tuple for several, with a mark."""
+    return pytest.param(*(case if type(case) is tuple else (case,)), marks=mark)
+
+
+def spread(*axes: Iterable[Any]) -> list[Any]:
+    """Combinations of the values of several parameters; without `make sweeps` only so many that each value occurs."""
+    values = [list(axis) for axis in axes]
+    count = max(map(len, values))
+    kept = [tuple(axis[number % len(axis)] for axis in values) for number in range(count)]
+    return sampled(product(*values), kept)

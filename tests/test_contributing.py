@@ -27,7 +27,7 @@ CHAPTERS = {
 }  # fmt: skip
 COPIED = ("lidarcodec", "server", "tests", "benchmarks", "docs", "tools", "research", "clients", "native")
 FILES = (".clang-format", "pyproject.toml", "README.md", "CHANGELOG.md", "SECURITY.md", "Makefile", "mkdocs.yml")
-LEFT_OUT = shutil.ignore_patterns("node_modules", "__pycache__", "history", "*.jpg", "*.png")
+LEFT_OUT = shutil.ignore_patterns("node_modules", "history", "*.jpg", "*.png")
 HERE = """
 import os, runpy, sys
 sys.meta_path[:] = [one for one in sys.meta_path if getattr(one, "__module__", "").startswith("_frozen_importlib")]

@@ -16,7 +16,7 @@ import pytest
 from lidarcodec.apps.demo import processes
 from lidarcodec.apps.demo.browser import SCREENS, browser, show
 from lidarcodec.errors import TransportError
-from tests import asking
+from tests import asking, forks
 from tests.command_line import COMMAND, environment, run, the_one_line
 from tests.transport.test_contract import eventually
 
@@ -31,7 +31,7 @@ def demo(tmp_path):
     started = []
 
     def start(*words: str, stdout=subprocess.PIPE, **variables: str):
-        process = subprocess.Popen(
+        process = forks.Process(
             [*COMMAND, "demo", *words],
             cwd=tmp_path,
             env=environment(TMPDIR=str(tmp_path), **variables),

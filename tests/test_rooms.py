@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 from collections import Counter
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import ModuleType
@@ -35,6 +36,7 @@ def test_no_folder_has_more_files_side_by_side_than_a_reader_looks_over() -> Non
     assert crowded == {}
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Every module of the package and of the server's, by its name."""
     found = {}
@@ -58,10 +60,15 @@ def imports_of(node: ast.AST, known: dict[str, Path]) -> set[str]:
     return found & known.keys()
 
 
+@cache
+def imports_in(path: Path) -> set[str]:
+    """Modules that a file imports."""
+    return imports_of(ast.parse(path.read_text()), modules())
+
+
 def test_no_imports_go_round_in_a_circle() -> None:
     """Not even those inside functions: they would only hide it."""
-    known = modules()
-    arrows = {name: imports_of(ast.parse(path.read_text()), known) - {name} for name, path in known.items()}
+    arrows = {name: imports_in(path) - {name} for name, path in modules().items()}
     try:
         TopologicalSorter(arrows).prepare()
     except CycleError as error:
@@ -74,7 +81,7 @@ def reached_from(name: str, known: dict[str, Path]) -> set[str]:
     waiting = [name]
     while waiting:
         one = waiting.pop()
-        fresh = imports_of(ast.parse(known[one].read_text()), known) - found - {name}
+        fresh = imports_in(known[one]) - found - {name}
         found |= fresh
         waiting += fresh
     return found

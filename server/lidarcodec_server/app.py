@@ -99,6 +99,7 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.add_middleware(Reserved, is_operator=known_operator)
     app.add_middleware(Observe, metrics=app.state.service.metrics)
     for name in ROUTERS:
-        app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)
+        # `include_router` would make each route anew for each application, at its first request.
+        app.router.routes.extend(import_module(f"lidarcodec_server.routes.{name}").router.routes)
     app.openapi = openapi.document(app)  # type: ignore[method-assign]
     return app

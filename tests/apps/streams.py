@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
@@ -38,13 +39,19 @@ def smooth_payloads(packets: int = 348, seed: int = 3) -> np.ndarray:
     return out
 
 
+@cache
+def smooth_turn() -> tuple[bytes, ...]:
+    """The same without the tails: as many sources as there are tests take it."""
+    return tuple(row.tobytes()[:1200] for row in smooth_payloads())
+
+
 class Loop(PacketSource):
     """`frames` frames of 348 packets (endless without); packet times run on, every packet is different."""
 
     def __init__(self, frames: int | None = None, *, first: int = 0) -> None:
         super().__init__(sensor())
         self.frames, self.first = frames, first
-        self._turn = [row.tobytes()[:1200] for row in smooth_payloads()]
+        self._turn = smooth_turn()
         self._stop = threading.Event()
 
     def packets(self) -> Iterator[Packet]:

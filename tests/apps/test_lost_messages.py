@@ -14,6 +14,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.faults.between import Between, Harm
+from tests.sweeps import spread
 from tests.transport.test_contract import eventually
 
 KEYS = StreamKeys()
@@ -40,8 +41,7 @@ def received(settings: StreamSettings, harm: Harm) -> Iterator[tuple[Publisher, 
                 between.close()
 
 
-@pytest.mark.parametrize("codec", ["predictive", "pcodec"])
-@pytest.mark.parametrize("way", [{}, LONG_WAY], ids=["short way", "long way"])
+@pytest.mark.parametrize(("codec", "way"), spread(["predictive", "pcodec"], [LONG_WAY, {}]))
 def test_what_arrives_is_decoded_without_key_frames(codec, way):
     own = {"mask_history": True} if codec == "pcodec" else {}
     settings = StreamSettings(codec=codec, codec_settings=own, key_interval=100_000)

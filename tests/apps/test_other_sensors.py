@@ -26,7 +26,7 @@ from tests.apps.test_udp_out import Driver
 from tests.codecs.test_other_sensors import FILES, disturbed, opened
 from tests.command_line import run, start, the_one_line
 from tests.sensors.captures import CAPTURES
-from tests.sweeps import sampled
+from tests.sweeps import sampled, spread
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -71,8 +71,7 @@ def sensor(payloads, port, host="127.0.0.1", pace_s=0.0005, *, once=False):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.parametrize("codec", ["pcodec", "predictive", "riddle"])
+@pytest.mark.parametrize(("name", "codec"), spread(SENSORS, ["pcodec", "predictive", "riddle"]))
 def test_every_payload_of_a_capture_arrives(data_file, name, codec):
     path, network = data_file(CAPTURES[name]), MemoryNetwork()
     with (

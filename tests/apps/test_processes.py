@@ -12,6 +12,7 @@ import time
 
 import pytest
 
+from tests import forks
 from tests.apps.relay import Relay
 from tests.apps.streams import Loop
 from tests.calm import Calm
@@ -31,7 +32,7 @@ class End:
 
     def __init__(self, role: str, **options) -> None:
         command = [sys.executable, "-m", "tests.apps.runner", role, json.dumps(options)]
-        self._follow(subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True))
+        self._follow(forks.Process(command, cwd=ROOT, stdout=subprocess.PIPE, text=True))
 
     def _follow(self, process: subprocess.Popen) -> None:
         """Read what a process says."""

@@ -1,4 +1,4 @@
-"""Opens every file of `BOMBS`, each in a process with the budget of its kind: `python -m tests.bombs.run FOLDER`.
+"""Opens files of `BOMBS`, each in a process with the budget of its kind: `python -m tests.bombs.run FOLDER [NAME ...]`.
 
 A line of JSON for each: name, kind, outcome (the name of an error, `read`, or how it ended), cpu_s, memory_mib.
 """
@@ -34,8 +34,9 @@ def child(budget, make_path, opens, tell):
     os._exit(0)
 
 
-def main(folder):
-    for number, (name, (kind, make, opens)) in enumerate(BOMBS.items()):
+def main(folder, *names):
+    for number, name in enumerate(names or BOMBS):
+        kind, make, opens = BOMBS[name]
         place = folder / str(number)
         place.mkdir()
         path = make(place)
@@ -64,4 +65,4 @@ def resident():
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:])

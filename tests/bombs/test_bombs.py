@@ -11,6 +11,7 @@ import pytest
 
 from lidarcodec.budgets import BUDGETS
 from tests.bombs.files import BOMBS
+from tests.sweeps import sampled
 
 ROOT = Path(__file__).resolve().parents[2]
 UNTESTED = {} if find_spec("torch") else {"checkpoint": "torch is not installed: nothing reads one"}
@@ -29,16 +30,22 @@ OWN_FILES = {
 """Files whose `read_bytes` or `read_text` reads nothing that others wrote, and what it reads."""
 
 
+DEAR = ("mcap, records", "rosbag1, empty records", "checkpoint, bytes by a number", "compressed, empty records")
+"""Half of the time of all, each beside another one of its kind."""
+
+
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    command = [sys.executable, "-P", "-m", "tests.bombs.run", str(tmp_path_factory.mktemp("bombs"))]
+def results(request, tmp_path_factory):
+    here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+    names = [item.callspec.params["name"] for item in here]
+    command = [sys.executable, "-P", "-m", "tests.bombs.run", str(tmp_path_factory.mktemp("bombs")), *names]
     environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return {found["name"]: found for found in map(json.loads, done.stdout.splitlines())}
 
 
-@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.parametrize("name", sampled(BOMBS, [name for name in BOMBS if name not in DEAR]))
 def test_a_bomb_is_refused_within_its_budget(results, name):
     found = results[name]
     budget = BUDGETS[found["kind"]]
@@ -49,7 +56,7 @@ def test_a_bomb_is_refused_within_its_budget(results, name):
 
 
 def test_every_kind_of_file_has_a_bomb_or_a_reason():
-    assert {kind for kind, _, _ in BOMBS.values()} | set(UNTESTED) == set(BUDGETS)
+    assert {kind for name, (kind, _, _) in BOMBS.items() if name not in DEAR} | set(UNTESTED) == set(BUDGETS)
 
 
 def test_the_documentation_states_the_budgets():
@@ -62,7 +69,8 @@ def test_the_documentation_states_the_budgets():
 def test_no_file_is_read_whole_without_a_budget():
     found = set()
     for path in (*ROOT.glob("lidarcodec/**/*.py"), *ROOT.glob("server/lidarcodec_server/**/*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
+        text = path.read_text()
+        for node in ast.walk(ast.parse(text)) if "read_bytes" in text or "read_text" in text else ():
             if isinstance(node, ast.Attribute) and node.attr in ("read_bytes", "read_text"):
                 found.add(path.relative_to(ROOT).as_posix())
     assert found == set(OWN_FILES)

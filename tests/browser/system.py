@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 
-from tests import asking
+from tests import asking, forks
 from tests.command_line import COMMAND, environment, run_here
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
@@ -109,7 +109,7 @@ class System:
 
     def _start(self, *words: str) -> subprocess.Popen[bytes]:
         with (self.folder / "processes.log").open("ab") as log:
-            return subprocess.Popen(
+            return forks.Process(
                 [*COMMAND, *words], env=self._variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 

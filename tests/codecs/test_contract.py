@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from tests.contracts import codec as contract
-from tests.sweeps import sampled
+from tests.sweeps import marked, sampled
 
 VARIANTS = {
     "pcodec with mask history": contract.from_table("pcodec", mask_history=True),
@@ -24,10 +26,25 @@ VARIANTS = {
 }
 """Settings of a codec that change what its messages refer to."""
 VARIANTS_AT_ONCE = ("pcodec with mask history", "predictive with motion")
+LAYERED = ("jpeg-layered", "h264-log")
+"""Codecs that differ from another one in how they map ranges to pictures."""
+MADE_ALIKE = (contract.check_intensity, contract.check_mutated, contract.check_same_bytes)
+"""Checks of what variants do as the codec does of which they are."""
 
 
-@pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
-@pytest.mark.parametrize("name", sampled([*table.names(), *VARIANTS], [*table.names(), *VARIANTS_AT_ONCE]))
+def cases() -> list[Any]:
+    every = list(product([*table.names(), *VARIANTS], contract.CHECKS))
+    swept = {*VARIANTS} - {*VARIANTS_AT_ONCE}
+    alike = {*VARIANTS, *LAYERED}
+    kept = [(name, check) for name, check in every if name not in swept and not (name in alike and check in MADE_ALIKE)]
+    at_random = [case for case in kept if case[1] is contract.check_mutated]
+    rest = [case for case in every if case not in at_random]
+    return [marked(case, pytest.mark.hypothesis) for case in at_random] + sampled(rest, kept)
+
+
+@pytest.mark.parametrize(
+    ("name", "check"), cases(), ids=lambda value: getattr(value, "__name__", str(value)).removeprefix("check_")
+)
 def test_contract(name: str, check: Callable[[contract.CodecUnderTest], None]) -> None:
     codec = VARIANTS[name] if name in VARIANTS else contract.from_table(name)
     if check is contract.check_bound and not codec.bounded:

@@ -35,7 +35,7 @@ from tests.sensors.captures import CAPTURES
 from tests.sensors.made_frames import made_frames, made_layouts
 from tests.sensors.ouster_packets import CAPTURES as OUSTERS
 from tests.sensors.ouster_packets import FOLDER
-from tests.sweeps import sampled
+from tests.sweeps import sampled, spread
 
 FILES = {name: file for name, file in CAPTURES.items() if not name.startswith(("HDL-64E", "OS-"))}
 FILES |= {name: f"{FOLDER}/{name}.pcap.xz" for name in OUSTERS}
@@ -78,8 +78,7 @@ def assert_exact(packets: Sequence[Packet], sensor: SensorModel, codec: str) -> 
     return pairs
 
 
-@pytest.mark.parametrize("codec", KINDS)
-@pytest.mark.parametrize("capture", FILES)
+@pytest.mark.parametrize(("capture", "codec"), spread(FILES, KINDS))
 def test_every_packet_of_every_capture_comes_back(capture: str, codec: str) -> None:
     sensor, packets = opened(FILES[capture])
     assert not sensor.is_hdl64e

@@ -119,9 +119,9 @@ def test_what_a_receiver_fills_in_and_how_far_intensity_is_off_is_told(capsys):
 
 def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("lidarcodec.commands.bench.curve.TARGETS_KBPS", (700, 4000))
-    monkeypatch.setattr(sys.modules[__name__], "SOURCE", "sim:road?seed=2&frames=5")
+    monkeypatch.setattr(sys.modules[__name__], "SOURCE", "sim:road?seed=2&frames=3")
     picture = tmp_path / "operating.svg"
-    found, _ = bench(capsys, "pcodec", frames=5, as_curve=True, metrics="all", plot=picture)
+    found, _ = bench(capsys, "pcodec", frames=3, as_curve=True, metrics="all", plot=picture)
     assert [entry["settings"]["target_kbps"] for entry in found] == [700, 4000]
     low, high = found
     assert low["kbps_at_10hz"] < high["kbps_at_10hz"]

@@ -23,6 +23,7 @@ from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.side import SideInfo
 from lidarcodec.wire.checksum import with_checksum
 from tests.contracts import frames
+from tests.sweeps import examples
 
 STREAM = 0x1234_5678_9ABC_DEF0
 
@@ -331,7 +332,7 @@ def decodes_or_refuses(decoder: Decoder, message: Message) -> None:
         assert int(frame.azimuth.max(initial=0)) < 36000
 
 
-def check_mutated(codec: CodecUnderTest, cases: int = 700, seed: int = 8) -> None:
+def check_mutated(codec: CodecUnderTest, cases: int = examples(700), seed: int = 8) -> None:
     """Flipped bits and overwritten bytes behind a right checksum: an error of ours or a frame, in bounded memory."""
     rng = np.random.default_rng(seed)
     data = small_messages(codec)

@@ -23,7 +23,7 @@ from tests.entropy.test_predictive_coder import (
     guess,
     scene,
 )
-from tests.sweeps import examples
+from tests.sweeps import examples, spread
 
 PATHS = fast.coding_paths()
 
@@ -65,8 +65,7 @@ def test_what_one_path_wrote_another_reads_and_would_have_written(path: str, cas
         check_bound(came, ranges, returns, step)
 
 
-@pytest.mark.parametrize("step", [1, 501])
-@pytest.mark.parametrize("fired_of", [all_fired, one_in_three])
+@pytest.mark.parametrize(("fired_of", "step"), spread([all_fired, one_in_three], [1, 501]))
 def test_whole_frames_are_the_same_on_all_paths(fired_of, step: int) -> None:
     fired, ranges = fired_of(2088), scene(2088)
     returns = mask(2088) & fired[(SENSOR.laser_of_ring >= 32).astype(int)]

@@ -12,6 +12,7 @@ from lidarcodec.errors import DecodeError, SectionError, SettingsError
 from tests.entropy.driven import DRIVEN, driven
 from tests.entropy.test_plane_coder import DUAL, FRAMES, Form, every_way, noise, rounded, scene
 from tests.reference import planes as reference
+from tests.sweeps import spread
 
 Planes = dict[str, Unsigned]
 Shift = npt.NDArray[np.int32]
@@ -33,8 +34,7 @@ def again(planes: Planes, rng: np.random.Generator) -> Planes:
     return found
 
 
-@pytest.mark.parametrize("step", [1, 7])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "step"), spread(range(3), [1, 7]))
 def test_a_decoder_written_from_the_page_gives_the_same_frames(step: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     forms, planes = every_way(rng) if seed < 2 else (DUAL, noise(DUAL, (4, 21), rng))

@@ -31,17 +31,19 @@ from tests.fuzz.damage import damaged
 from tests.fuzz.inside import damaged_lattice, damaged_positions
 from tests.fuzz.inside_others import damaged_cloud, damaged_description, damaged_planes, damaged_rest
 from tests.fuzz.run import QUICK, run, run_sealed, targets
-from tests.sweeps import sampled
+from tests.sweeps import examples, sampled
 
 ALL = {f"{plan.name}, {plan.size}": plan for plan in plans()}
 
 
+@pytest.mark.hypothesis
 def test_damage_gives_errors_of_the_project_and_nothing_else(tmp_path: Path) -> None:
-    outcomes = run(cases=100 * len(targets()), seed=7, crash_dir=tmp_path)
+    each = examples(100)
+    outcomes = run(cases=each * len(targets()), seed=7, crash_dir=tmp_path)
     for name, counts in outcomes.items():
-        assert counts.total() == 100, name
+        assert counts.total() == each, name
     assert sum(c["ChecksumError"] for c in outcomes.values()) > 0
-    assert outcomes["packets"] == {"decoded": 100}
+    assert outcomes["packets"] == {"decoded": each}
 
 
 @pytest.mark.parametrize("size", sampled((*QUICK, "vlp16", "os0-16", "clouds"), ["tiny", "clouds"]))

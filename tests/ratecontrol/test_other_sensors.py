@@ -20,7 +20,7 @@ from lidarcodec.settings import settings_from, step_of
 from lidarcodec.wire import pack
 from tests.codecs.test_other_sensors import FILES, opened
 from tests.contracts import frames as made
-from tests.sweeps import sampled
+from tests.sweeps import sampled, spread
 
 VLP16 = ImageKind(1.2, 1, 0.002, 150_000.0)
 OS1 = ImageKind(2.0, 2, 0.008, 1_100_000.0)
@@ -45,9 +45,9 @@ def stream(capture: str, count: int) -> list[Frame]:
     return [of[k % 2].with_(index=k, stamp_ns=10**18 + k * TURN_NS) for k in range(count)]
 
 
-@pytest.mark.parametrize("purpose", ["look", "localise", "detect", "archive"])
-@pytest.mark.parametrize("codec", STEERED)
-@pytest.mark.parametrize("kind", KINDS_OF_IMAGES)
+@pytest.mark.parametrize(
+    ("purpose", "codec", "kind"), spread(["look", "localise", "detect", "archive"], STEERED, KINDS_OF_IMAGES)
+)
 def test_along_a_curve_more_bits_never_show_less(kind: ImageKind, codec: str, purpose) -> None:
     for pins in (Pins(), Pins(step=7), Pins(levels=9), Pins(bound_m=0.05), Pins(step=1, levels=256, bound_m=0.0)):
         curve = image_curve(codec, pins._replace(purpose=purpose), kind)

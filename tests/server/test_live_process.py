@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
-from tests import asking
+from tests import asking, forks
 from tests.command_line import COMMAND, environment
 from tests.conftest import ROOT
 from tests.transport.conftest import free_port
@@ -37,9 +37,7 @@ def system(folder):
     serve = ["serve", "--port", str(port), "--database-url", f"sqlite:///{folder / 'server.db'}"]
     publish = ["publish", "sim:city?frames=400", "--vehicle", "car-7", "--sensor", "roof", "--rate", "10"]
     started = [
-        subprocess.Popen(
-            [*COMMAND, *words], env=variables, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
+        forks.Process([*COMMAND, *words], env=variables, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         for words in ([*serve, "--recordings", str(folder / "recordings")], publish)
     ]
     url = f"http://127.0.0.1:{port}"

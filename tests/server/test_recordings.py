@@ -19,6 +19,7 @@ from lidarcodec.recording import RotatingRecorder
 from lidarcodec_server.live.shelf import MissingRecordingError, Shelf
 from tests.apps.streams import Loop
 from tests.server.live import frame, running
+from tests.sweeps import spread
 from tests.transport.test_contract import eventually
 
 STREAM = "/api/v1/streams/vehicle/lidar"
@@ -125,8 +126,7 @@ async def test_a_disk_that_fails_costs_the_recording_and_nothing_else(server, cl
             await frame(socket)
 
 
-@pytest.mark.parametrize("stopped", [False, True], ids=["while it runs", "just before it is stopped"])
-@pytest.mark.parametrize("what", ["folder", "file", "replaced"])
+@pytest.mark.parametrize(("what", "stopped"), spread(["folder", "file", "replaced"], [False, True]))
 def test_a_recording_whose_file_somebody_removed_is_not_said_to_be_complete(
     server, client, tmp_path, monkeypatch, stopped, what
 ):

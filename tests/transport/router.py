@@ -12,6 +12,7 @@ import sys
 import threading
 
 from lidarcodec.transport import Endpoints, open_transport
+from tests import forks
 from tests.conftest import ROOT
 
 LOG = (
@@ -25,7 +26,7 @@ class Router:
 
     def __init__(self, **endpoints) -> None:
         command = [sys.executable, "-m", "tests.transport.router", json.dumps(endpoints)]
-        self.process = subprocess.Popen(
+        self.process = forks.Process(
             command,
             cwd=ROOT,
             env=os.environ | {"RUST_LOG": LOG},

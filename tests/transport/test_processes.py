@@ -17,6 +17,7 @@ import zenoh
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Endpoints, open_transport
 from lidarcodec.transport.base import Priority
+from tests import forks
 from tests.conftest import ROOT
 from tests.transport.conftest import free_port
 from tests.transport.router import Router
@@ -28,7 +29,7 @@ class Node:
 
     def __init__(self, name: str, port: int) -> None:
         command = [sys.executable, "-m", "tests.transport.node", name, str(port)]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        self.process = forks.Process(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         self.seen: set[str] = set()
         self.ready = threading.Event()
         self._thread = threading.Thread(target=self._read, daemon=True)

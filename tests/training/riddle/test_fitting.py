@@ -17,6 +17,7 @@ torch = pytest.importorskip("torch", reason="training needs torch: the extra `le
 from lidarcodec.training.riddle import nets  # noqa: E402
 from lidarcodec.training.riddle.extraction import Rows, row_bytes  # noqa: E402
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit  # noqa: E402
+from tests.sweeps import spread  # noqa: E402
 
 CPU = torch.device("cpu")
 TOY = FitSettings(False, (16, 8), steps=300, batch=256, rate=1e-2, seed=3)
@@ -48,8 +49,7 @@ def test_training_beats_the_network_it_began_with_on_samples_it_never_saw(tmp_pa
     assert state.step == 300
 
 
-@pytest.mark.parametrize("precision", ["float32", "mixed"])
-@pytest.mark.parametrize("stop_at", [27, 40, 45])
+@pytest.mark.parametrize(("precision", "stop_at"), spread(["float32", "mixed"], [27, 40, 45]))
 def test_a_run_that_was_stopped_makes_the_weights_of_one_that_was_not(
     tmp_path: Path, precision: str, stop_at: int
 ) -> None:
