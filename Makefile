@@ -85,7 +85,7 @@ faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a runni
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
 
-sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them, and all random examples (2 min)
+sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them, and all random examples (several minutes)
 	LIDARCODEC_EXAMPLES=all $(BIN)/python -m pytest -n $(JOBS) -m "sweep or hypothesis" $(ARGS)
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)

@@ -182,18 +182,22 @@ def _made(layout, sensor, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _farthest(points: np.ndarray, others: np.ndarray) -> float:
-    """Largest distance from a point to the nearest of the others, or infinity if one has none within NEAR_M."""
+    """Largest distance from a point to one of the others that is within NEAR_M, or to the nearest if none is.
+
+    Infinity if there is none in any cell beside it.
+    """
     ours, mine = np.floor(others / NEAR_M).astype(np.int64), np.floor(points / NEAR_M).astype(np.int64)
     order = np.argsort(_cell(ours))
     cells, nearest = _cell(ours)[order], np.full(len(points), np.inf)
-    for step in np.ndindex(3, 3, 3):
-        wanted = _cell(mine + np.array(step) - 1)
+    left = np.arange(len(points))
+    for step in sorted(np.ndindex(3, 3, 3), key=lambda step: sum(abs(one - 1) for one in step)):
+        wanted = _cell(mine[left] + np.array(step) - 1)
         first, last = np.searchsorted(cells, wanted, "left"), np.searchsorted(cells, wanted, "right")
-        for number in range(int((last - first).max())):
-            there = first + number < last
-            at = order[np.minimum(first + number, len(order) - 1)]
-            distance = np.linalg.norm(others[at] - points, axis=1)
-            nearest = np.where(there, np.minimum(nearest, distance), nearest)
+        for number in range(int((last - first).max(initial=0))):
+            there = np.flatnonzero((first + number < last) & (nearest[left] >= NEAR_M))
+            distance = np.linalg.norm(others[order[first[there] + number]] - points[left[there]], axis=1)
+            nearest[left[there]] = np.minimum(nearest[left[there]], distance)
+        left = left[nearest[left] >= NEAR_M]
     return float(nearest.max())
 
 

@@ -72,7 +72,7 @@ async def test_every_operator_route_leaves_one_entry_whatever_becomes_of_it(serv
         assert len(found) >= 9
         for method, pattern in found:
             for place in PLACES:
-                for body in BODIES:
+                for body in BODIES if place is PLACES[0] else BODIES[::4]:
                     path, before = pattern.format(**place), last(client)
                     headers = {"Content-Type": "application/json"}
                     answer = await client.request(method.upper(), path, content=body, headers=headers)

@@ -25,6 +25,7 @@ from lidarcodec.sources.simulator import LABELS, SCENES
 from lidarcodec.sources.spinning.encoder import TURN_NS
 from lidarcodec.sources.spinning.source import SpinningSource
 from lidarcodec.sources.spinning.table import HESAI, TRAITS, VELODYNE, Wanted, detector_of, names, unit_of
+from tests.sweeps import sampled
 
 GROUND, VEHICLE = LABELS.index("ground"), LABELS.index("vehicle")
 OUSTER_PROFILES = [Wanted("os1-32", profile=profile) for profile in PIXELS]
@@ -217,7 +218,7 @@ def test_simulate_writes_captures_that_are_rightly_named(tmp_path, capsys):
         simulate.run("sim:street?sensor=os1-32", tmp_path / "os1-32.pcap", 1)
 
 
-@pytest.mark.parametrize("name", ["vlp16", "vls128", "qt64", "os1-32"])
+@pytest.mark.parametrize("name", sampled(["vlp16", "vls128", "qt64", "os1-32"], ["vlp16", "os1-32"]))
 def test_a_drive_has_as_many_turns_as_were_asked_for(tmp_path, name):
     assert len(list(read_frames(f"sim:garage?sensor={name}&frames=4"))) == 4
     out = tmp_path / "skipped.pcap"
