@@ -13,6 +13,7 @@ from lidarcodec.budgets import BUDGETS
 from tests.bombs.files import BOMBS
 from tests.sweeps import sampled
 
+pytestmark = pytest.mark.timeout(400)  # longer than the one process that opens all may take
 ROOT = Path(__file__).resolve().parents[2]
 UNTESTED = {} if find_spec("torch") else {"checkpoint": "torch is not installed: nothing reads one"}
 OWN_FILES = {
