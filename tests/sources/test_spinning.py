@@ -182,9 +182,9 @@ def test_a_sensor_is_named_with_its_options():
     with open_source("sim:street?sensor=qt64&returns=dual&frames=1") as source:
         assert sum(1 for _ in source.packets()) == 300
     unknown = {
-        "sensor=vlp64": "simulated sensor 'vlp64': choose one of hdl64e, vlp16",
+        "sensor=vlp64": "simulated sensor 'vlp64': did you mean vlp16. Otherwise choose one of hdl64e, vlp16",
         "sensor=os1-128&profile=RNG16": "profile 'RNG16': choose one of LEGACY",
-        "sensor=os1-128&mode=1024x30": "mode '1024x30': choose one of 512x10",
+        "sensor=os1-128&mode=1024x30": "mode '1024x30': did you mean 1024x10. Otherwise choose one of 512x10",
         "sensor=vlp16&returns=three": "kind of returns 'three': choose one of single, dual",
         "sensor=vlp16&port=1": "'port': choose one of seed",
     }

@@ -48,7 +48,7 @@ def test_a_file_whose_name_looks_like_an_address_is_still_a_file(tmp_path, captu
 def test_errors_say_what_is_wrong(tmp_path, capture):
     with pytest.raises(UnknownNameError, match="unknown kind of source 'rtsp': choose one of a path, udp, ros2, sim"):
         open_source("rtsp://camera")
-    with pytest.raises(UnknownNameError, match="'prot': choose one of port, src"):
+    with pytest.raises(UnknownNameError, match="'prot': did you mean port"):
         open_source(f"{capture}?prot=1")
     with pytest.raises(SourceError, match="port=many: write a number from 1 to 65535"):
         open_source(f"{capture}?port=many")

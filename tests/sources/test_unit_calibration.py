@@ -80,9 +80,6 @@ def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):
         open_source("udp://127.0.0.1:0?wait=0.01&idle=0.2") as source,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock,
     ):
-        assert MEANS in caplog.text
-        assert "wait for the sensor's own table" in caplog.text
-        caplog.clear()
         for number, payload in enumerate(payloads):
             sock.sendto(payload, source.address)
             if number % 50 == 0:
@@ -91,6 +88,8 @@ def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):
         assert eventually(lambda: came.extend(source.packets()) or len(came) >= len(payloads), 60)
         assert len(came) == len(payloads)
         assert source.sensor.origin == "stream"
+        assert MEANS in caplog.text
+        assert "wait for the sensor's own table" in caplog.text
         assert f"the calibration {source.sensor.hash} from the sensor's status bytes is used" in caplog.text
 
 
