@@ -40,10 +40,12 @@ from lidarcodec.commands.settings import one_setting
 
 SCENE: Final = "sim:city?sensor=hdl64e"
 CAPTURES, FRAMES = 4, 30
-COPIES: Final = 16
+COPIES: Final = 12
 """Of a capture, so that two workers have work for longer than they take to start."""
 REAL: Final = ("kitti_sfnd_f000-049.pcap.xz", "kitti_hdl64e_s2_recovered_db.xml")
 PAGE: Final = 1000
+ROUNDS: Final = 5
+"""Of what is compared; the quickest of each counts."""
 QUALITIES: Final = {"lossless": [], "within 1 cm": ["max_error_m=0.01"], "within 5 cm": ["max_error_m=0.05"]}
 HOURS: Final = 176
 """Of driving of a vehicle in a month: 22 days of 8 hours."""
@@ -150,10 +152,13 @@ def measures() -> str:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         inputs = captures(folder)
-        alone, _, (here_s,) = coded(inputs, folder / "here", [], 0)
-        _, _, one = coded(inputs, folder / "one", [], 1)
-        frames, start_s = alone.counts["frames"], started(folder)
-        more = 100 * ((sum(one) - start_s) / here_s - 1)
+        here, one = [], []
+        for turn in range(ROUNDS):  # side by side: the machine has quick and slow minutes
+            alone, _, spent = coded(inputs, folder / ("here" if turn == 0 else f"here-{turn}"), [], 0)
+            here.append(sum(spent))
+            one.append(sum(coded(inputs, folder / f"one-{turn}", [], 1)[2]))
+        here_s, frames, start_s = min(here), alone.counts["frames"], started(folder)
+        more = 100 * ((min(one) - start_s) / here_s - 1)
         source, target = many_segments(folder / "segments", 10_000)
         _, wall_s, spent_s = measured_here(lambda: _again(source, target))
         rows += [
@@ -176,7 +181,8 @@ def measures() -> str:
     lines = ["| | measured | asked |", "|---|---:|---:|", *(f"| {' | '.join(row)} |" for row in rows)]
     about = (
         f"{CAPTURES} captures of {SCENE}, {FRAMES} frames each, pcodec, lossless. Large archives are simulated, in "
-        "a folder. Pairs are time and processor time."
+        f"a folder. Pairs are time and processor time. What is compared ran {ROUNDS} times in turn. The quickest "
+        "counts, of two workers the median pair."
     )
     return f"# What an archive costs\n\n{about}\n\n" + "\n".join(lines) + "\n"
 
@@ -191,15 +197,19 @@ def scaling() -> str:
 
 
 def _two_against_one(folder: Path, inputs: Path) -> list[tuple[str, str, str]]:
-    """Time and processor time of the same work with one worker and with two."""
+    """Time and processor time of the same work with one worker and with two, side by side."""
     for number in range(COPIES):
         shutil.copytree(inputs / "car-0", folder / "copies" / f"car-{number}")
-    _, one_s, one = coded(folder / "copies", folder / "by-one", [], 1)
-    _, two_s, two = coded(folder / "copies", folder / "by-two", [], 2)
+    pairs = []
+    for turn in range(ROUNDS):
+        _, one_s, one = coded(folder / "copies", folder / f"by-one-{turn}", [], 1)
+        _, two_s, two = coded(folder / "copies", folder / f"by-two-{turn}", [], 2)
+        pairs.append((one_s / two_s, sum(two) / sum(one), one_s, two_s))
+    times, slower, one_s, two_s = sorted(pairs)[len(pairs) // 2]
     return [
-        ("two workers against one: time", f"{one_s / two_s:.2f} times: {one_s:.1f} s, {two_s:.1f} s", "1.8 times"),
-        ("the same: processor time of the busiest", f"{max(one[1:]) / max(two[1:]):.2f} times", "-"),
-        ("the same: processor time of all", f"{sum(one):.1f} s, {sum(two):.1f} s", "-"),
+        ("two workers against one: time", f"{times:.2f} times: {one_s:.1f} s, {two_s:.1f} s", "1.8 times"),
+        ("the same: how much more processor time the same frames take then", f"{100 * (slower - 1):+.0f} %", "-"),
+        ("the same, if a processor were as quick beside another busy one", f"{times * slower:.2f} times", "1.8 times"),
     ]
 
 
