@@ -40,7 +40,7 @@ from lidarcodec.commands.settings import one_setting
 
 SCENE: Final = "sim:city?sensor=hdl64e"
 CAPTURES, FRAMES = 4, 30
-COPIES: Final = 12
+COPIES: Final = 24
 """Of a capture, so that two workers have work for longer than they take to start."""
 REAL: Final = ("kitti_sfnd_f000-049.pcap.xz", "kitti_hdl64e_s2_recovered_db.xml")
 PAGE: Final = 1000
