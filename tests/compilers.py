@@ -3,9 +3,10 @@
 python -m tests.compilers [--columns 300] [--only TEXT]     also: make identity
 
 Compilers: g++, clang++, each with -O0 to -O3, for any x86-64 and for the processor at hand, and for 64-bit ARM the
-cross compiler aarch64-linux-gnu-g++, and clang++ with its libraries; their programs run under qemu-aarch64, as a
-processor that has all there is and, once, as one without dot products. What is not installed is named and left out. The
-program itself tries every path and every form of networks that the processor can run, and decodes what it coded.
+cross compiler aarch64-linux-gnu-g++, and clang++ with its libraries; their programs run under qemu-aarch64, or its
+static build, as a processor that has all there is and, once, as one without dot products. What is not installed is
+named and left out. The program itself tries every path and every form of networks that the processor can run, and
+decodes what it coded.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ def builds() -> list[Build]:
         for march in ("-march=x86-64" if os.uname().machine == "x86_64" else "-mtune=generic", "-march=native")
     ]
     cross, emulator = "aarch64-linux-gnu-g++", "qemu-aarch64"
+    if shutil.which(emulator) is None and shutil.which(f"{emulator}-static"):  # Debian has a package of each
+        emulator = f"{emulator}-static"
     arm = [Build(cross, (level, "-static"), (emulator,)) for level in LEVELS]
     arm.append(Build(cross, ("-O2", "-static"), (emulator, "-cpu", "cortex-a53")))
     for_arm = "--target=aarch64-linux-gnu"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import re
 import shutil
@@ -28,6 +29,10 @@ def package(tmp_path_factory):
     (home / "lib" / "python3.11" / "site-packages" / "lidarcodec-1.2.3.dist-info").mkdir(parents=True)
     (home / "bin" / "lidarcodec").write_text(f"#!{home}/bin/python3\n")
     (home / "bin" / "activate").write_text("")
+    library = home / "lib" / "python3.11" / "site-packages" / "some.libs" / "libsome-1.so.2"
+    library.parent.mkdir()
+    library.write_bytes(b"")
+    library.chmod(0o755)
     (home / "pyvenv.cfg").write_text(f"home = {home}\n")
     words = ["sh", HERE / "pack.sh", folder / "stage", folder, sys.executable]
     subprocess.run(words, check=True, timeout=100, stdout=subprocess.DEVNULL)
@@ -80,6 +85,21 @@ def test_recordings_and_keys_stay_when_the_package_goes(package, tmp_path):
     assert [path.read_text() for path in kept] == ["mine", "mine"]
     assert done.stdout.splitlines() == [f"{path} stays, with what you keep there" for path in
                                         (tmp_path / "etc/lidarcodec", tmp_path / "var/lib/lidarcodec")]  # fmt: skip
+
+
+def test_libraries_are_no_programs(package):
+    """Wheels bring them with the right to be executed, which checkers of packages refuse."""
+    (library,) = package.rglob("*.so.2")
+    assert library.stat().st_mode & 0o777 == 0o644
+
+
+def test_apt_can_show_what_changed(package):
+    """It reads the form of Debian's changelogs, which must name the version that is installed."""
+    folder = package / "usr" / "share" / "doc" / "lidarcodec"
+    text = gzip.decompress((folder / "changelog.gz").read_bytes()).decode()
+    when = r"\w{3}, \d\d \w{3} \d{4} [\d:]{8} \+0000"
+    assert re.fullmatch(rf"lidarcodec \(1\.2\.3\) \S+; urgency=\S+\n\n  \* .+\n\n -- .+ <\S+>  {when}\n", text)
+    assert gzip.decompress((folder / "CHANGELOG.md.gz").read_bytes()) == (ROOT / "CHANGELOG.md").read_bytes()
 
 
 def test_every_file_has_its_sum(package):

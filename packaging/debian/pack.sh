@@ -8,6 +8,7 @@ root=$(cd "$here/../.." && pwd)
 home=$stage/opt/lidarcodec
 version=$(basename "$home"/lib/python3*/site-packages/lidarcodec-*.dist-info .dist-info)
 version=${version#lidarcodec-}
+maintainer='lidarcodec <lidarcodec@localhost>'
 architecture=$(dpkg --print-architecture)
 SOURCE_DATE_EPOCH=$(git -C "$root" log -1 --format=%ct 2>/dev/null || date +%s)
 export SOURCE_DATE_EPOCH
@@ -16,6 +17,7 @@ umask 022
 # The environment was made in a folder that the vehicle does not have. Only the command itself is kept beside Python.
 find "$home/bin" -type f ! -name lidarcodec -delete
 find "$home" -name direct_url.json -delete
+find "$home/lib" -type f -name '*.so*' -exec chmod a-x {} +
 ln -sf "$python" "$home/bin/python3"
 sed -i "s|$stage||g" "$home/bin/lidarcodec" "$home/pyvenv.cfg"
 "$python" -m compileall -q -j 2 -s "$stage" -p / --invalidation-mode unchecked-hash "$home/lib"
@@ -29,7 +31,14 @@ install -m 644 "$root/packaging/publish.yaml" "$here/environment" "$stage/etc/li
 install -m 644 "$root/packaging/zenoh-router.json5" "$root/packaging/zenoh-port.nft" "$stage/usr/share/doc/lidarcodec/examples"
 install -m 644 "$here/README.Debian" "$here/copyright" "$stage/usr/share/doc/lidarcodec"
 install -m 644 "$here/lintian-overrides" "$stage/usr/share/lintian/overrides/lidarcodec"
-gzip -9n < "$root/CHANGELOG.md" > "$stage/usr/share/doc/lidarcodec/changelog.gz"
+gzip -9n < "$root/CHANGELOG.md" > "$stage/usr/share/doc/lidarcodec/CHANGELOG.md.gz"
+gzip -9n > "$stage/usr/share/doc/lidarcodec/changelog.gz" <<CHANGES
+lidarcodec ($version) unstable; urgency=medium
+
+  * What changed is in CHANGELOG.md.gz beside this file.
+
+ -- $maintainer  $(LC_ALL=C date --utc --rfc-email --date="@$SOURCE_DATE_EPOCH")
+CHANGES
 
 install -m 755 "$here/postinst" "$here/prerm" "$here/postrm" "$stage/DEBIAN"
 printf '/etc/lidarcodec/%s\n' environment publish.yaml > "$stage/DEBIAN/conffiles"
@@ -38,7 +47,7 @@ cat > "$stage/DEBIAN/control" <<CONTROL
 Package: lidarcodec
 Version: $version
 Architecture: $architecture
-Maintainer: lidarcodec <lidarcodec@localhost>
+Maintainer: $maintainer
 Section: misc
 Priority: optional
 Installed-Size: $(du -sk "$stage" | cut -f1)
@@ -54,4 +63,5 @@ CONTROL
 mv "$stage.md5sums" "$stage/DEBIAN/md5sums"
 find "$stage" -exec touch --no-dereference --date="@$SOURCE_DATE_EPOCH" {} +
 mkdir -p "$out"
-dpkg-deb --root-owner-group --build "$stage" "$out"
+# xz at its own level takes many minutes for half a gigabyte; at this one half a minute.
+dpkg-deb --root-owner-group -Zxz -z1 --build "$stage" "$out"
