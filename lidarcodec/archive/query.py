@@ -65,9 +65,7 @@ def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log
 
     def answer(connection: Any) -> tuple[list[str], list[tuple[Any, ...]]]:
         with nullcontext() if bounds is None else bounds.timed(connection):
-            found = connection.execute(sql)
-            if found is None:
-                raise SettingsError("the query is empty", "sql")
+            found = connection.execute(_selects(connection, sql))
             return [one[0] for one in found.description or ()], found.fetchall()
 
     (columns, rows), lost = _answered(store, answer, {} if bounds is None else bounds.options(), warn)
@@ -79,12 +77,27 @@ def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
 
     def answer(connection: Any) -> dict[str, set[int]]:
         found: dict[str, set[int]] = {}
-        rows = connection.execute(f'SELECT DISTINCT segment, "offset" FROM frames WHERE ({condition}\n)').fetchall()
-        for segment, offset in rows:
+        sql = f'SELECT DISTINCT segment, "offset" FROM frames WHERE ({condition}\n)'
+        for segment, offset in connection.execute(_selects(connection, sql)).fetchall():
             found.setdefault(segment, set()).add(offset)
         return found
 
     return _answered(store, answer)[0]
+
+
+def _selects(connection: Any, sql: str) -> Any:
+    """The one statement of a query, that only reads. Raises SettingsError.
+
+    Others write files, load code, or change what the next one may do, and a condition may bring them along.
+    """
+    import duckdb
+
+    statements = connection.extract_statements(sql)
+    if not statements:
+        raise SettingsError("the query is empty", "sql")
+    if len(statements) > 1 or statements[0].type != duckdb.StatementType.SELECT:
+        raise SettingsError("the query is not one SELECT: nothing else may be asked of an archive", "sql")
+    return statements[0]
 
 
 def _answered(
@@ -113,7 +126,7 @@ def _answered(
 def _asked(
     store: Store, answer: Callable[[Any], Found], tables: Tables, options: Mapping[str, str | int], warn: Warn
 ) -> tuple[Found, int]:
-    with duckdb_errors(), with_tables(store, tables, options) as connection:
+    with duckdb_errors(), with_tables(store, tables, options, closed=True) as connection:
         found = answer(connection)
     if tables.lost:
         names = ", ".join(tables.lost[:_SHOWN])

@@ -143,17 +143,25 @@ class Tables(NamedTuple):
 
 
 @contextmanager
-def with_tables(store: Store, tables: Tables, options: Mapping[str, str | int] = MappingProxyType({})) -> Iterator[Any]:
-    """A connection of DuckDB in which `frames` is a view of tables of an archive. options: of DuckDB"""
+def with_tables(
+    store: Store, tables: Tables, options: Mapping[str, str | int] = MappingProxyType({}), *, closed: bool = False
+) -> Iterator[Any]:
+    """A connection of DuckDB in which `frames` is a view of tables of an archive.
+
+    options: of DuckDB;  closed: whether what is asked may read these tables alone: no other file, address or extension
+    """
     check_extra("a query")
     import duckdb
 
     names = tables.names
+    fixed = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
 
-    with duckdb.connect(config={"autoinstall_known_extensions": False, **options}) as connection:
+    with duckdb.connect(config={**fixed, **options}) as connection:
         if not names:
             columns = ", ".join(f'CAST(NULL AS {kind}) AS "{name}"' for name, kind in COLUMNS.items())
             connection.execute(f"CREATE VIEW frames AS SELECT {columns} LIMIT 0")
+            if closed:
+                _close(connection, [])
             yield connection
             return
         if store.file(names[0]) is not None:
@@ -169,7 +177,16 @@ def with_tables(store: Store, tables: Tables, options: Mapping[str, str | int] =
             connection.execute("CREATE TABLE hidden AS SELECT unnest(?) AS id", [sorted(tables.hidden)])
             shown += " WHERE segment NOT IN (SELECT id FROM hidden)"
         connection.execute(f"CREATE VIEW frames AS {shown}")
+        if closed:
+            _close(connection, paths)
         yield connection
+
+
+def _close(connection: Any, paths: Sequence[str]) -> None:
+    """Let a connection open these files alone, for good."""
+    connection.execute(f"SET allowed_paths = [{', '.join(map(text_of, paths))}]")
+    connection.execute("SET enable_external_access = false")
+    connection.execute("SET lock_configuration = true")
 
 
 def text_of(path: str | Path) -> str:

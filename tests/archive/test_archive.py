@@ -336,6 +336,29 @@ def test_a_damaged_joined_table_ends_no_query_and_is_made_again(filled, monkeypa
     assert tables_to_read(store).names == [f"index/{path.name}"]
 
 
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
+        ("EXPLAIN ANALYZE COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
+        ("SELECT 1; COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
+        ("LOAD '{file}'", "is not one SELECT"),
+        ("SELECT * FROM read_text('{file}')", "file system operations are disabled"),
+        ("SELECT * FROM '{file}'", "cannot be run"),
+    ],
+)
+def test_a_query_or_condition_from_elsewhere_touches_no_file_but_the_tables(filled, tmp_path, asked, said):
+    file = tmp_path / "mine.csv"
+    file.write_text("precious")
+    sql = asked.format(file=file)
+    assert said in archive("query", filled, sql, code=2).stderr
+    inside = f"1=1); {sql}; SELECT segment, 1 FROM frames WHERE (1=1"
+    where = f"exists ({sql})" if sql.startswith("SELECT *") else inside
+    assert said in archive("get", filled, tmp_path / "out.mcap", "--where", where, code=2).stderr
+    assert file.read_text() == "precious"
+    assert not (tmp_path / "out.mcap").exists()
+
+
 def test_a_lost_table_ends_no_query_of_the_others(filled, caplog):
     lost = next((filled / "frames").rglob("*.parquet"))
     gone = open_archive(filled).query(f"select count(*) from read_parquet('{lost}')")[1][0][0]
