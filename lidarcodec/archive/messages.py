@@ -14,6 +14,7 @@ from lidarcodec.errors import ChecksumError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
+from lidarcodec.wire.checksum import checked_body, checksum_of
 
 READ_AHEAD: Final = 64 << 10
 """Gaps of at most so many bytes are read too, which is quicker than another request."""
@@ -76,7 +77,7 @@ def decoded_frames(messages: Iterable[Coded], limits: tuple[int, int] | None) ->
 
 
 def _read(store: Store, commit: Commit, name: str, needed: list[tuple[Place, bool]], most: int) -> Iterator[Coded]:
-    """Messages of a recording, each with whether it is wanted itself."""
+    """Messages of a recording, each with whether it is wanted itself. Raises ChecksumError if one is damaged."""
     for first, last in _joined([place for place, _ in needed], most):
         inside = [(place, is_wanted) for place, is_wanted in needed if first <= place.offset < last]
         data = store.read(name, first, last - first)
@@ -84,6 +85,11 @@ def _read(store: Store, commit: Commit, name: str, needed: list[tuple[Place, boo
             message = data[place.offset - first : place.offset - first + place.length]
             if len(message) != place.length:
                 raise ChecksumError(f"{name} ends before byte {place.offset + place.length}", place.offset)
+            if checksum_of(message) != place.checksum:
+                raise ChecksumError(
+                    f"{name} has another message at byte {place.offset} than was archived", place.offset
+                )
+            checked_body(message)
             yield Coded(commit, place, message, is_wanted)
 
 

@@ -11,12 +11,15 @@ import pytest
 import lidarcodec
 from lidarcodec.archive import contents
 from lidarcodec.archive.archive import open_archive
+from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.index import index, tables_to_read
+from lidarcodec.archive.objects import places_of, read_commit
 from lidarcodec.archive.plan import _difference
 from lidarcodec.archive.repair import repair
 from lidarcodec.archive.stores.folder import FolderStore
 from lidarcodec.sources import open_source
 from lidarcodec.untrusted.times import rfc_3339
+from lidarcodec.wire.checksum import with_checksum
 from tests.archive.conftest import unchanged
 from tests.command_line import run_here
 
@@ -357,6 +360,21 @@ def test_a_query_or_condition_from_elsewhere_touches_no_file_but_the_tables(fill
     assert said in archive("get", filled, tmp_path / "out.mcap", "--where", where, code=2).stderr
     assert file.read_text() == "precious"
     assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize(("sealed", "said"), [(False, "checksum should be"), (True, "another message at byte")])
+def test_a_stored_message_that_changed_is_not_given_away_as_whole(filled, tmp_path, sealed, said):
+    store = FolderStore(filled)
+    value = read_commit(store, commits_of(store)[0])
+    place, path = places_of(value)[1], filled / value["object"]
+    data = bytearray(path.read_bytes())
+    message = data[place.offset : place.offset + place.length]
+    message[place.length // 2] ^= 1
+    data[place.offset : place.offset + place.length] = with_checksum(bytes(message[:-4])) if sealed else message
+    path.write_bytes(data)
+    for out in ("out.mcap", "out.pcap"):
+        assert said in archive("get", filled, tmp_path / out, code=1).stderr
+        assert not (tmp_path / out).exists()
 
 
 def test_a_lost_table_ends_no_query_of_the_others(filled, caplog):
