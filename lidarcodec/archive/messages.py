@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from lidarcodec.archive.names import Commit
 from lidarcodec.archive.objects import Place, places_of, read_commit
 from lidarcodec.archive.stores.base import Store
-from lidarcodec.errors import ChecksumError
+from lidarcodec.errors import ChecksumError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
@@ -58,6 +58,8 @@ def messages_of(
     most: bytes of a request, unless a message has more
     """
     places = places_of(value := read_commit(store, chosen.commit))
+    if chosen.offsets is not None and not chosen.offsets <= {place.offset for place in places}:
+        raise SourceError(f"{chosen.commit.name} lacks messages that the table of its frames has")
     fits = _by_time(places, limits) if chosen.offsets is None else _at(chosen.offsets)
     found = [place.offset for place in places if fits(place)]
     first, end = (len(found) * number // part.of for number in (part.number, part.number + 1))

@@ -65,8 +65,10 @@ def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
         if not isinstance(value["settings"], dict):
             raise TypeError("its settings are of another type")
         places = places_of(value)
-        if sum(place.frames for place in places) > MAX_FRAMES:
+        if (frames := sum(place.frames for place in places)) > MAX_FRAMES:
             raise ValueError(f"it has more than {MAX_FRAMES:,} frames")
+        if frames < value["frames"]:
+            raise ValueError(f"its messages have {frames:,} of {value['frames']:,} frames")
         end = 0
         for place in places:
             if place.offset < end:

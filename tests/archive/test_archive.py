@@ -377,6 +377,18 @@ def test_a_stored_message_that_changed_is_not_given_away_as_whole(filled, tmp_pa
         assert not (tmp_path / out).exists()
 
 
+@pytest.mark.parametrize("told", [None, 1])
+def test_a_commit_that_lacks_messages_does_not_pass_for_whole(filled, tmp_path, told):
+    path = next((filled / "commits").rglob("*.json"))
+    value = json.loads(path.read_bytes())
+    value["messages"] = value["messages"][:1]
+    value["frames"] = told or value["frames"]
+    path.write_text(json.dumps(value))
+    done = archive("get", filled, tmp_path / "out.mcap", "--where", "points >= 0", code=1)
+    assert ("lacks messages" if told else "its messages have 1 of") in done.stderr
+    assert not (tmp_path / "out.mcap").exists()
+
+
 def test_a_lost_table_ends_no_query_of_the_others(filled, caplog):
     lost = next((filled / "frames").rglob("*.parquet"))
     gone = open_archive(filled).query(f"select count(*) from read_parquet('{lost}')")[1][0][0]
