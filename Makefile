@@ -34,7 +34,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: foxglove help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables evidence web wasm site clean
+.PHONY: foxglove help demo test lint check bench bench-compare golden identity fuzz soak load faults sweeps images-check format native tables evidence web wasm site clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -80,6 +80,9 @@ fuzz: $(STAMPS)/dev $(NATIVE) ## hostile bytes: the core under AddressSanitizer,
 
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
 	$(BIN)/python -m benchmarks.soak $(ARGS)
+
+load: $(STAMPS)/dev $(NATIVE) ## 100 vehicles, 50 viewers and 10,000 requests a minute through one router and one server (an hour)
+	$(BIN)/python -m benchmarks.load $(ARGS)
 
 faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (14 min)
 	$(BIN)/python -m tests.faults $(ARGS)

@@ -1,7 +1,8 @@
 """SharedSwarm: many vehicles that send the same encoded messages, so that encoding does not limit a load test.
 
 Each vehicle has its own stream: stream id, frame indices, current time stamps, key frames on request, status, and
-control keys. It does not wait for arrival reports. Settings cannot be changed, because nothing is encoded again.
+control keys. As a publisher does, it sends nothing without a receiver, and leaves out frames while it waits for arrival
+reports. Settings cannot be changed, because nothing is encoded again.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import time
 from typing import Any
 
 from lidarcodec.apps.ending import ended
+from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.reports import read_arrival, read_report
 from lidarcodec.apps.swarm import NOMINAL_HZ
 from lidarcodec.errors import SettingsError
 from lidarcodec.message import Message
@@ -21,12 +24,12 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import StreamSettings, is_name
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.answering import answered
 from lidarcodec.transport.base import Closeable, Priority
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.wire import pack
+from lidarcodec.wire import checksum_of, pack
 
 STATUS_S = 1.0
 
@@ -44,13 +47,20 @@ class _Vehicle:
     def __init__(self, name: str, messages: list[Message], settings: StreamSettings, transport: Transport) -> None:
         self._keys, self._messages, self._settings = StreamKeys(name), messages, settings
         self._stream_id = int.from_bytes(os.urandom(8), "little")
-        self._place = self._index = self._bytes = self._key_frames = 0
+        self._flight = Flight()
+        self._place = self._index = 0
+        self._sent_as: dict[int, int] = {}  # index in the messages -> index in the stream, since the first message
+        self._sent = self._put = self._bytes = self._key_frames = self._replaced = self._no_receiver = 0
+        self._last: int | None = None
         self._key_wanted = False
         self._frames = transport.sender(self._keys.frame, Priority.FRAMES)
         self._status = transport.sender(self._keys.status, Priority.STATUS)
         self._declared: list[Closeable] = [
             self._frames,
             self._status,
+            transport.watch(self._keys.arrived(), self._receiver_changed),
+            transport.listen(self._keys.arrived(), self._arrived),
+            transport.listen(self._keys.report(), self._reported),
             transport.answer(self._keys.control_get, answered(self._answer_get)),
             transport.answer(self._keys.control_set, answered(self._answer_set)),
             transport.answer(self._keys.control_keyframe, answered(self._answer_keyframe)),
@@ -58,19 +68,37 @@ class _Vehicle:
         ]
 
     def send(self) -> None:
-        """Send the next message, with the current time as stamp."""
+        """Send the next message, with the current time as stamp, if somebody receives it and the path is free.
+
+        Otherwise its frames are left out, and it is sent with the index of a later frame.
+        """
         if self._key_wanted or self._place == len(self._messages):
             self._place, self._key_wanted = 0, False
+            self._sent_as.clear()
         message = self._messages[self._place]
-        shift = self._index - message.frame_index
-        needs = None if message.needs is None else message.needs + shift
+        index = self._index
+        self._index += message.frame_count
+        if not self._frames.matching:
+            self._no_receiver += message.frame_count
+            return
+        if not self._flight.wait(0.0):
+            self._replaced += message.frame_count
+            return
+        self._sent_as[message.frame_index] = index
         own = dataclasses.replace(
-            message, stream_id=self._stream_id, frame_index=self._index, stamp_ns=time.time_ns(), needs=needs
+            message,
+            stream_id=self._stream_id,
+            frame_index=index,
+            stamp_ns=time.time_ns(),
+            needs=None if message.needs is None else self._sent_as[message.needs],
         )
         data = pack(own)
+        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key)
         self._frames.put(data)
         self._place += 1
-        self._index += message.frame_count
+        self._sent += message.frame_count
+        self._put += 1
+        self._last = index + message.frame_count - 1
         self._bytes += len(data)
         self._key_frames += message.key
 
@@ -89,14 +117,15 @@ class _Vehicle:
             "codec": without_auto(self._settings).codec,
             "matching": self._frames.matching,
             "assembled": self._index,
-            "replaced": 0,
-            "no_receiver": 0,
+            "replaced": self._replaced,
+            "no_receiver": self._no_receiver,
             "left_out": 0,
-            "frames": self._index,
-            "messages": self._index,
+            "frames": self._sent,
+            "messages": self._put,
             "bytes": self._bytes,
             "key_frames": self._key_frames,
-            "frame_index": self._index - 1 if self._index else None,
+            "frame_index": self._last,
+            "flight": self._flight.state(),
             "ended": False,
         }
 
@@ -104,9 +133,27 @@ class _Vehicle:
         for one in reversed(self._declared):
             one.close()
 
+    def _receiver_changed(self, key: str, alive: bool) -> None:
+        name = key.rpartition("/")[2]
+        if alive and is_name(name):
+            self._flight.came(name)
+            self._key_wanted = True
+        else:
+            self._flight.went(name)
+
+    def _arrived(self, key: str, data: bytes) -> None:
+        name, arrival = key.rpartition("/")[2], read_arrival(data)
+        if arrival is not None and is_name(name):
+            self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9, arrival.has)
+
+    def _reported(self, key: str, data: bytes) -> None:
+        rtt_ms = (read_report(data) or {}).get("rtt_ms")
+        if isinstance(rtt_ms, int | float):
+            self._flight.round_trip(key.rpartition("/")[2], rtt_ms / 1e3)
+
     def _answer_get(self, query: dict[str, Any]) -> dict[str, Any]:
         if "ping" in query:
-            return {"ping": query["ping"]}
+            return {"ping": query["ping"], "busy": self._flight.busy, "time_ns": time.time_ns()}
         return {"settings": self._settings.model_dump(), "status": self.status()}
 
     def _answer_set(self, query: dict[str, Any]) -> dict[str, Any]:

@@ -48,6 +48,30 @@ def test_every_vehicle_of_a_swarm_can_be_decoded_and_asked_for_a_key_frame(kind)
     assert swarm.failure is None
 
 
+@pytest.mark.parametrize("codec", ["pcodec", "predictive"])
+def test_a_shared_vehicle_sends_what_somebody_takes_and_counts_the_rest(codec):
+    """It would load a router with frames that a publisher leaves out."""
+    endpoints, loop = lidarcodec.Endpoints(loopback_port=free_port()), Loop(FRAMES)
+    settings = SETTINGS.changed(codec=codec, key_interval=50)
+    swarm = SharedSwarm(["car"], encoded(loop.sensor, list(loop.packets()), settings), settings, endpoints=endpoints)
+
+    def counts():
+        return swarm.statuses()[0]
+
+    with swarm:
+        assert eventually(lambda: counts()["no_receiver"] >= 3)
+        assert counts()["frames"] == 0
+        with lidarcodec.LiveStream("car/lidar", endpoints=endpoints, newest=False, timeout_s=60.0) as live:
+            assert live.next(60.0) is not None
+            for _ in range(2 * FRAMES):
+                assert live.next(60.0) is not None
+            assert live.summary()["errors"] == {}
+        assert eventually(lambda: counts()["flight"]["arrive_ms"]["p50"] is not None)
+    assert swarm.failure is None
+    status = counts()
+    assert status["assembled"] == status["frames"] + status["replaced"] + status["no_receiver"]
+
+
 def test_names_that_are_none_are_refused():
     with pytest.raises(SettingsError):
         vehicle_names("a car", 1, 2)
