@@ -13,9 +13,9 @@ from typing import Final, get_args
 import numpy as np
 
 from lidarcodec.entropy.zstd_frames import compress
-from lidarcodec.errors import SectionError
-from lidarcodec.planes.other_calibrations import other_form
-from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, SensorModel
+from lidarcodec.errors import SectionError, TruncatedError
+from lidarcodec.planes.other_calibrations import FORM_OTHER, Described, described_in, other_form
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, HDL64E, Calibration, Convention, SensorModel
 from lidarcodec.units import LASERS
 
 FORM_HASH: Final = 0
@@ -24,6 +24,7 @@ FORM_PLAIN_TABLE: Final = 2
 CONVENTIONS: Final[tuple[Convention, ...]] = get_args(Convention)
 _TABLE_HEAD: Final = struct.Struct("<BIB")
 _STEPS_PER_METRE: Final = 10_000_000
+_HASH_BYTES: Final = 8
 _KEPT: Final = 8
 """Most calibrations that are remembered. A normal stream has one; a hostile stream must not fill memory."""
 
@@ -45,6 +46,23 @@ def _table_form(sensor: SensorModel, plain: bool) -> bytes:
 def encode_calibration(sensor: SensorModel, key: bool, plain: bool = False) -> bytes:
     """Bytes of the section: the table for a key message, uncompressed when `plain`; else the hash."""
     return _table_form(sensor, plain) if key else bytes([FORM_HASH]) + bytes.fromhex(sensor.hash)
+
+
+def peek_sensor(section: bytes) -> Described | None:
+    """Name, model and rows of the sensor of a message, by its section; None if that has the hash alone.
+
+    Raises SectionError, TruncatedError.
+    """
+    form, rest = section[:1], section[1 + _HASH_BYTES :]
+    if form == bytes([FORM_OTHER]):
+        return described_in(rest)
+    if form not in (bytes([FORM_TABLE]), bytes([FORM_PLAIN_TABLE])):
+        return None
+    if len(rest) < _TABLE_HEAD.size:
+        raise TruncatedError(f"a calibration section of {len(section)} bytes")
+    length = rest[_TABLE_HEAD.size - 1]
+    name = rest[_TABLE_HEAD.size : _TABLE_HEAD.size + length]
+    return Described(name.decode("utf-8", "replace"), HDL64E, LASERS)
 
 
 @lru_cache(maxsize=_KEPT)

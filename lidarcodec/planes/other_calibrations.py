@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import Final, get_args
+from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
-from lidarcodec.entropy.zstd_frames import compress
+from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import (
     CALIBRATION_FIELDS,
@@ -22,6 +22,8 @@ from lidarcodec.sensor_model import (
 FORM_OTHER: Final = 3
 MAX_DESCRIPTION: Final = 1 << 20
 """Most bytes of a sensor's description of itself."""
+MAX_PLAIN: Final = 1_064_960
+"""Most bytes of the section's contents."""
 _CONVENTIONS: Final[tuple[Convention, ...]] = get_args(Convention)
 _HEAD: Final = struct.Struct("<BIBBBI")
 _STEPS_PER_METRE: Final = 10_000_000
@@ -45,6 +47,28 @@ def other_form(sensor: SensorModel) -> bytes:
     plain = head + name + model + description + sensor.calibration.table.astype("<i4").tobytes()
     size = len(plain).to_bytes(4, "little")
     return bytes([FORM_OTHER]) + bytes.fromhex(sensor.hash) + size + compress(plain, 19)
+
+
+class Described(NamedTuple):
+    """What a section says of its sensor: title, name of the model as in `--model`, number of rows."""
+
+    name: str
+    model: str
+    rows: int
+
+
+def described_in(data: bytes) -> Described:
+    """What the section says, from the size on. The table is not read.
+
+    Raises SectionError.
+    """
+    size = int.from_bytes(data[:4], "little")
+    if not _HEAD.size <= size <= MAX_PLAIN:
+        raise SectionError(f"a description of a sensor of {size} bytes")
+    plain = decompress(data[4:], size)
+    _, _, length, model_length, rows, _ = _HEAD.unpack_from(plain)
+    name, model = plain[_HEAD.size :][:length], plain[_HEAD.size + length :][:model_length]
+    return Described(name.decode("utf-8", "replace"), model.decode("ascii", "replace"), rows)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -9,10 +9,14 @@ from typing import Any
 
 from lidarcodec.commands.info.explain import codec_name, explain, section_name, time_text
 from lidarcodec.entropy import decode_positions
-from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.errors import CalibrationError, DecodeError, SettingsError
 from lidarcodec.files.regular import open_regular
-from lidarcodec.message import Section, SectionType
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.planes.calibrations import peek_sensor
+from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.recording import RecordingReader
+from lidarcodec.sensors import find_sensor
+from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
 from lidarcodec.units import MAX_PACKETS
 from lidarcodec.wire import unpack
 
@@ -32,6 +36,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
+        sensor: Described | None = None
         for stamp_ns, data in reader.messages():
             messages, size = messages + 1, size + len(data)
             stamps = [stamps[0] if stamps else stamp_ns, stamp_ns]
@@ -45,6 +50,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 for section in message.sections:
                     sizes[section_name(section.type)] += len(section.data)
                     coded_positions += _positions_in(section)
+                sensor = sensor or _sensor_of(message)
                 sections += sizes
                 codecs[codec_name(message.codec)] += 1
                 keys, frames = keys + message.key, frames + message.frame_count
@@ -62,10 +68,17 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 rows.append(row)
         refinements = reader.refinements
         counts = dict(reader.counts)
-        recorded = Counter("position packets" if packet.position else "packets" for packet in reader.packets())
+        recorded: Counter[str] = Counter()
+        first: list[bytes] = []
+        for packet in reader.packets():
+            recorded["position packets" if packet.position else "packets"] += 1
+            if len(first) < STREAM_PACKETS and not packet.position:
+                first.append(packet.payload)
+        sensor = sensor or _sensor_seen_in(path, first)
     found = {
         "recording": str(path),
         "metadata": metadata,
+        **({} if sensor is None else {"sensor": sensor.name, "model": sensor.model, "rows": sensor.rows}),
         "messages": messages,
         "key messages": keys,
         "frames": frames,
@@ -87,6 +100,26 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "damaged": [row for row in rows if "damaged" in row],
     }
     return found
+
+
+def _sensor_of(message: Message) -> Described | None:
+    """The sensor that a key message describes."""
+    try:
+        return peek_sensor(message.section(SectionType.CALIBRATION)) if message.key else None
+    except DecodeError:
+        return None
+
+
+def _sensor_seen_in(path: Path, payloads: list[bytes]) -> Described | None:
+    """The sensor whose packets these are, by them and by the metadata beside the recording."""
+    found = recognised(payloads) if payloads else None
+    if found is None:
+        return None
+    try:
+        sensor = find_sensor(path, None, payloads, found.model)
+    except CalibrationError:
+        sensor = find_sensor(None, None, payloads, found.model)
+    return Described(sensor.name, sensor.model, sensor.rows)
 
 
 def _positions_in(section: Section) -> int:

@@ -17,7 +17,7 @@ def pipe(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="[SOURCE]",
+            metavar="SOURCE",
             show_default=False,
             help="A source. Default: `-`, a capture or messages on standard input.",
         ),

@@ -24,6 +24,9 @@ class RecordingInfo(TypedDict):
 
     recording: Annotated[str, "path of the recording"]
     metadata: Annotated[dict[str, str], "notes in the recording: vehicle, sensor, source, settings"]
+    sensor: NotRequired[Annotated[str, "name of the sensor"]]
+    model: NotRequired[Annotated[str, "name of the model, as in `--model`"]]
+    rows: NotRequired[Annotated[int, "number of its lasers or channels"]]
     messages: Annotated[int, "number of messages"]
     frames: Annotated[int, "number of frames in them"]
     begins: Annotated[str | None, "time of the first message; null without messages"]

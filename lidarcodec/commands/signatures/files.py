@@ -42,7 +42,7 @@ from lidarcodec.errors import SettingsError
 def info(
     context: typer.Context,
     source: Annotated[
-        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A source or a recording.")
+        str | None, typer.Argument(metavar="SOURCE", show_default=False, help="A source or a recording.")
     ] = None,
     message: Annotated[
         int | None,

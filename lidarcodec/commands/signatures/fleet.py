@@ -27,7 +27,7 @@ from lidarcodec.commands.signatures.common import (
 @prints(Swarmed)
 def swarm(
     count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
-    source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
+    source: Annotated[str, typer.Argument(metavar="SOURCE")] = "sim:city",
     vehicle_prefix: Annotated[
         str, Option("--vehicle-prefix", metavar="NAME", help="Vehicles are named NAME-001, NAME-002 and so on.")
     ] = "car",

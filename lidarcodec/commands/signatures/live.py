@@ -36,7 +36,7 @@ from lidarcodec.errors import SettingsError
 def publish(
     source: Annotated[
         str | None,
-        typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE."),
+        typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE."),
     ] = None,
     vehicle: Annotated[
         str | None,
@@ -211,7 +211,7 @@ def publish(
 @prints(Received)
 def subscribe(
     key: Annotated[
-        str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
+        str, typer.Argument(metavar="KEY", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
     ] = "lidarcodec/v1/vehicle/lidar",
     udp: Annotated[
         str | None,

@@ -15,7 +15,7 @@ from lidarcodec.commands.signatures.common import AsJson, Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 
-Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", show_default=False)]
+Names = Annotated[list[str] | None, typer.Argument(metavar="SOURCE", show_default=False)]
 
 
 @prints(Trained)
