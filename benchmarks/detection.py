@@ -41,7 +41,6 @@ DRIVES: Final[dict[str, dict[str, Any]]] = {
     "0005": {
         "spec": DATA / "kitti_0005.pcap.xz",
         "labels": (LABELS / "0000.txt", LABELS / "calib_0000.txt"),
-        "first_label": -1,
         "skip": 60,
     },
 }
