@@ -118,12 +118,13 @@ def _json(url: str) -> Any:
         return None
 
 
-def _until(condition: Any, what: str) -> None:
-    end = time.monotonic() + READY_S
+def until(condition: Any, what: str, limit_s: float = READY_S) -> None:
+    """Wait until something is so. Raises SystemExit, naming it, after `limit_s`."""
+    end = time.monotonic() + limit_s
     while not condition():
         if time.monotonic() > end:
-            raise SystemExit(f"{what} did not happen within {READY_S:g} s")
-        time.sleep(0.1)
+            raise SystemExit(f"{what} did not happen within {limit_s:g} s")
+        time.sleep(0.05)
 
 
 def measure(vehicles: int, watched: int, codec: str, source: str, seconds: float, *, shared: bool = True) -> Cost:
@@ -140,7 +141,7 @@ def measure(vehicles: int, watched: int, codec: str, source: str, seconds: float
         server = stack.enter_context(running(*serve, env=os.environ | database))
         senders = stack.enter_context(running(*swarm))
         url = f"127.0.0.1:{port}/api/v1/streams"
-        _until(lambda: len([one for one in alive(f"http://{url}") if one]) == vehicles, "all vehicles in the list")
+        until(lambda: len([one for one in alive(f"http://{url}") if one]) == vehicles, "all vehicles in the list")
         viewers = [Viewer(f"ws://{url}/car-{number:03d}/lidar/cloud") for number in range(1, watched + 1)]
         for viewer in viewers:
             stack.callback(viewer.close)

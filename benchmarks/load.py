@@ -21,17 +21,16 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from benchmarks.fleet import ROUTER, alive, cpu_s, running
+from benchmarks.fleet import ROUTER, alive, cpu_s, running, until
 from benchmarks.results import save
-from benchmarks.soak import Sizes, grown, sizes
+from benchmarks.soak import LINE_S, WARM_UP, Sizes, grown, sizes
 from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.wire import peek
 
-LINE_S: Final = 10.0
 READY_S: Final = 120.0
 HEALED_S: Final = 60.0
 """Longest wait for what a dead router cut off."""
@@ -172,6 +171,7 @@ class Fleet:
         self.ages, self.answers = Times(), Times()
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.seen: dict[str, list[Sizes]] = {}
+        self.shares: dict[str, list[float]] = {}  # of a processor, in per cent
         self.viewers: list[Viewer] = []
         self.askers: list[Asker] = []
         self._stack = contextlib.ExitStack()
@@ -199,7 +199,7 @@ class Fleet:
                 publish = ("publish", drive, "--loop", "--codec", "pcodec", "--set", "target_kbps=auto")
                 named = ("--vehicle", f"real-{number}", "--connect", self.endpoint)
                 self._start(f"publisher {number}", *PYTHON, *publish, *named)
-            await_(lambda: self.there() == chosen.vehicles + chosen.publishers, "all vehicles in the list", READY_S)
+            until(lambda: self.there() == chosen.vehicles + chosen.publishers, "all vehicles in the list", READY_S)
             looked_at = f"ws://{self.url}/car-001/lidar/frames"
             for _ in range(chosen.viewers):
                 self.viewers.append(Viewer(looked_at, self.ages))
@@ -211,7 +211,7 @@ class Fleet:
                 for _ in range(ASKERS):
                     self.askers.append(Asker(self.port, every_s, chosen.vehicles, self.answers))
                     self._stack.callback(self.askers[-1].close)
-            await_(lambda: all(viewer.frames for viewer in self.viewers), "a frame for every viewer", READY_S)
+            until(lambda: all(viewer.frames for viewer in self.viewers), "a frame for every viewer", READY_S)
         except BaseException:
             self.__exit__()
             raise
@@ -238,7 +238,7 @@ class Fleet:
         router = self.processes["router"]
         router.send_signal(signal.SIGKILL)
         router.wait(10)
-        await_(lambda: self.there() == 0, "that the server noticed", HEALED_S)
+        until(lambda: self.there() == 0, "that the server noticed", HEALED_S)
         begun_s = time.monotonic()
         self._start("router", sys.executable, "-c", ROUTER, self.endpoint)
         until_s: dict[str, float] = {}
@@ -269,6 +269,7 @@ class Fleet:
                 raise SystemExit(f"the {name} ended with code {process.returncode}")
             self.seen.setdefault(name, []).append(now := sizes(process.pid))
             share = 100 * (cpu_s(process.pid) - self._cpu[name]) / passed_s
+            self.shares.setdefault(name, []).append(share)
             used.append(f"{name} {share:.0f} %, {now.memory_mib:.0f} MiB, {now.threads}, {now.files}")
         self._mark()
         return (
@@ -295,18 +296,9 @@ class Fleet:
         return found + [f"{count} times {said}" for said, count in self.refused.items()]
 
 
-def await_(condition: Callable[[], object], what: str, limit_s: float) -> None:
-    """Wait until something is so. Raises SystemExit, naming it, after `limit_s`."""
-    end_s = time.monotonic() + limit_s
-    while not condition():
-        if time.monotonic() > end_s:
-            raise SystemExit(f"{what} did not come within {limit_s:g} s")
-        time.sleep(0.05)
-
-
 def rows(fleet: Fleet, minutes: float, healed: tuple[float, float]) -> Iterator[tuple[str, str, str]]:
     """The table: what, measured, asked."""
-    warm = {name: (seen[min(12, len(seen) // 2)], seen[-1]) for name, seen in fleet.seen.items()}
+    warm = {name: (seen[min(WARM_UP, len(seen) // 2)], seen[-1]) for name, seen in fleet.seen.items()}
     yield "minutes", f"{minutes:g}", "60"
     frames, answers = (statistics.median(column) for column in zip(*fleet.rates, strict=True))
     yield "frames a second of a viewer, median of ten seconds", f"{frames:.1f}", "10"
@@ -317,7 +309,10 @@ def rows(fleet: Fleet, minutes: float, healed: tuple[float, float]) -> Iterator[
     yield "the same: last third against first", f"{fleet.answers.slower():.2f} times", "flat"
     yield "answers other than 200", str(sum(fleet.refused.values())), "0"
     for name, (first, last) in warm.items():
-        growth = f"{first.memory_mib:.0f} to {last.memory_mib:.0f} MiB, {first.threads} to {last.threads} threads, "
+        share = f"{statistics.median(fleet.shares[name]):.0f} % of a processor, "
+        growth = (
+            f"{share}{first.memory_mib:.0f} to {last.memory_mib:.0f} MiB, {first.threads} to {last.threads} threads, "
+        )
         yield f"{name}, after the warm-up and at the end", f"{growth}{first.files} to {last.files} files", "flat"
     yield "router killed and started: all vehicles are back after", f"{healed[0]:.1f} s", "5 s"
     yield "the same: every viewer has a frame after", f"{healed[1]:.1f} s", "5 s"

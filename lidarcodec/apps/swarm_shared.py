@@ -15,8 +15,9 @@ import time
 from typing import Any
 
 from lidarcodec.apps.ending import ended
+from lidarcodec.apps.publisher.arrivals import listen_for_arrivals
 from lidarcodec.apps.publisher.flight import Flight
-from lidarcodec.apps.reports import read_arrival, read_report
+from lidarcodec.apps.reports import read_report
 from lidarcodec.apps.swarm import NOMINAL_HZ
 from lidarcodec.errors import SettingsError
 from lidarcodec.message import Message
@@ -24,7 +25,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings, is_name
+from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.answering import answered
 from lidarcodec.transport.base import Closeable, Priority
@@ -58,8 +59,7 @@ class _Vehicle:
         self._declared: list[Closeable] = [
             self._frames,
             self._status,
-            transport.watch(self._keys.arrived(), self._receiver_changed),
-            transport.listen(self._keys.arrived(), self._arrived),
+            *listen_for_arrivals(transport, self._keys, self._flight, self._receiver_came),
             transport.listen(self._keys.report(), self._reported),
             transport.answer(self._keys.control_get, answered(self._answer_get)),
             transport.answer(self._keys.control_set, answered(self._answer_set)),
@@ -133,18 +133,8 @@ class _Vehicle:
         for one in reversed(self._declared):
             one.close()
 
-    def _receiver_changed(self, key: str, alive: bool) -> None:
-        name = key.rpartition("/")[2]
-        if alive and is_name(name):
-            self._flight.came(name)
-            self._key_wanted = True
-        else:
-            self._flight.went(name)
-
-    def _arrived(self, key: str, data: bytes) -> None:
-        name, arrival = key.rpartition("/")[2], read_arrival(data)
-        if arrival is not None and is_name(name):
-            self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9, arrival.has)
+    def _receiver_came(self) -> None:
+        self._key_wanted = True
 
     def _reported(self, key: str, data: bytes) -> None:
         rtt_ms = (read_report(data) or {}).get("rtt_ms")

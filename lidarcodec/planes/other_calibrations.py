@@ -22,8 +22,8 @@ from lidarcodec.sensor_model import (
 FORM_OTHER: Final = 3
 MAX_DESCRIPTION: Final = 1 << 20
 """Most bytes of a sensor's description of itself."""
-MAX_PLAIN: Final = 1_064_960
-"""Most bytes of the section's contents."""
+MAX_PLAIN: Final = MAX_DESCRIPTION + (1 << 14)
+"""Most bytes of the section's contents: a description, names and the table; the native core has the same limit."""
 _CONVENTIONS: Final[tuple[Convention, ...]] = get_args(Convention)
 _HEAD: Final = struct.Struct("<BIBBBI")
 _STEPS_PER_METRE: Final = 10_000_000

@@ -17,9 +17,13 @@ import pytest
 pytest.importorskip("duckdb", reason="needs the extra archive")
 pytest.importorskip("obstore", reason="needs the extra archive")
 
+from lidarcodec.sources import open_source
+from tests.command_line import run_here
 from tests.transport.conftest import free_port
 
 UP_S = 60.0
+FRAMES = 13
+SHORT = ("--workers", "here", "--seconds", "1")
 
 
 class Bucket:
@@ -108,3 +112,31 @@ def unchanged(folder: Path):
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     yield
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def payloads(path: Path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def archive(*words, code: int = 0):
+    done = run_here("archive", *map(str, words))
+    assert done.returncode == code, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def made(drive, tmp_path_factory):
+    out = tmp_path_factory.mktemp("made") / "out"
+    archive("run", drive, out, *SHORT)
+    return out
+
+
+@pytest.fixture
+def filled(made, tmp_path):
+    """A copy of the archive of the short drive."""
+    return Path(shutil.copytree(made, tmp_path / "out"))
+
+
+def objects(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}

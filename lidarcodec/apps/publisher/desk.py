@@ -8,10 +8,10 @@ from typing import Any, Protocol, Unpack, cast
 from lidarcodec.apps.clocks import Clock
 from lidarcodec.apps.control import Applied
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.publisher.arrivals import listen_for_arrivals
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.status import StatusBoard
-from lidarcodec.apps.reports import read_arrival
-from lidarcodec.settings import SettingChanges, StreamSettings, is_name
+from lidarcodec.settings import SettingChanges, StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.allowance import Allowance
 from lidarcodec.transport.answering import TooOftenError, answered
@@ -63,29 +63,13 @@ class Desk:
         """Declare subscribers and queryables."""
         keys = self._keys
         return [
-            transport.watch(keys.arrived(), self._receiver_changed),
-            transport.listen(keys.arrived(), self._arrived),
+            *listen_for_arrivals(transport, keys, self._flight, self._publisher.request_key),
             transport.listen(keys.report(), self._reported),
             transport.answer(keys.control_get, answered(self._get)),
             transport.answer(keys.control_set, answered(self._set)),
             transport.answer(keys.control_reset, answered(self._reset)),
             transport.answer(keys.control_keyframe, answered(self._keyframe)),
         ]
-
-    def _receiver_changed(self, key: str, alive: bool) -> None:
-        name = key.rpartition("/")[2]
-        if alive and is_name(name):
-            self._flight.came(name)
-            self._publisher.request_key()
-        else:
-            self._flight.went(name)
-
-    def _arrived(self, key: str, data: bytes) -> None:
-        name = key.rpartition("/")[2]
-        arrival = read_arrival(data)
-        if arrival is not None and is_name(name):
-            held_s, had = arrival.held_ns / 1e9, arrival.has
-            self._flight.reported(name, arrival.frame_index, arrival.checksum, held_s, had)
 
     def _reported(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]
