@@ -1,104 +1,61 @@
 """Maps for localisation: how well scans are found in reduced maps, and how small their files are.
 
-    python -m benchmarks.maps --drives road,city,0013,0005 --cache DIR --save
+    python -m benchmarks.maps --cache DIR [--drives road,0013] [--weights FILE] [--jobs 2] --save
 
 The map of a drive is of the scans that are not looked for. Every third scan is looked for, from the last estimate, as
 `evaluate localisation --map FILE` does: means of 0.5 m cells of the whole scan, and 2 % of its returns. Poses are exact
-for simulated drives, otherwise refined from the scans and kept in DIR. All maps of a share have the bytes of the random
-one, to about a percent. Peers code the very points of a map, on its grid. With `--save` each row takes the place of the
-row of its name in the result files.
+for simulated drives, otherwise refined from the scans. Both are kept in DIR. All maps of a share have the bytes of the
+random one, to about a percent. Peers code the very points of a map, on its grid. With `--weights` the network of
+`train map-points` is a method, too. With `--save` each row takes the place of the row of its name in the result files.
 """
 
 from __future__ import annotations
 
 import argparse
 import io
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import lru_cache
 from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from benchmarks import results
-from benchmarks.scenes import DATA
-from lidarcodec.evaluation.localisation.drive import read_drive
-from lidarcodec.evaluation.localisation.protocol import Scored, scored_frames
-from lidarcodec.evaluation.localisation.reference import find_reference
-from lidarcodec.evaluation.rigid import Matrix, moved
-from lidarcodec.evaluation.trajectory import Trajectory
-from lidarcodec.maps.build import MapBuilder
+from benchmarks.map_cases import DRIVES, SEED, Case, case_of
 from lidarcodec.maps.compress import bare, compressed, file_bytes
-from lidarcodec.maps.file import MapReader
-from lidarcodec.maps.localise.accuracy import SCANS, Scans, accuracy, seen
+from lidarcodec.maps.localise.accuracy import SCANS, accuracy
 from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.select.table import LEARNED, method
 from lidarcodec.maps.world import MapWorld
 
-DRIVES: Final = {
-    "road": "sim:road?frames=150",
-    "city": "sim:city?frames=150",
-    "0013": str(DATA / "kitti_0013_f052-107.pcap.xz"),
-    "0005": str(DATA / "kitti_0005.pcap.xz"),
-}
-CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
-SHARES: Final = (0.05, 0.2, 0.02, 0.1, 0.15)
-METHODS: Final = ("random", "voxel", "paper", "greedy")
-STRIDE: Final = 3
-STEP_UM: Final = 20_000
-LEAST_SEEN: Final = 2
+SHARES: Final = (0.2, 0.15, 0.1, 0.05, 0.02)
+METHODS: Final = ("random", "voxel", "lp", "paper", "greedy", LEARNED)
 ROUNDS: Final = 4
-SEED: Final = 1
+Row = list[str]
+Rows = Iterator[tuple[str, Row]]
+"""Rows, each with the name of its table."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """A drive: its poses, its scans that are looked for, and its whole map."""
-
-    name: str
-    poses: Trajectory
-    scored: Scored
-    whole: MapPoints
-    clouds: dict[Scans, dict[int, Matrix]]
+@lru_cache(maxsize=1)
+def _case(name: str, cache: Path) -> Case:
+    return case_of(name, cache)
 
 
-def case_of(name: str, cache: Path) -> Case:
-    """Read a drive and build its map; poses are kept in the folder `cache`."""
-    drive = read_drive(DRIVES[name], calibration=None if DRIVES[name].startswith("sim:") else CALIBRATION)
-    kept = cache / f"{name}-traj.npz"
-    if not kept.exists():
-        cache.mkdir(parents=True, exist_ok=True)
-        find_reference(drive).trajectory.save(kept)
-    poses = Trajectory.load(kept)
-    scored = scored_frames(len(drive.frames), STRIDE)
-    looked_for = set(scored.tracked.tolist())
-    with tempfile.TemporaryDirectory() as folder:
-        builder = MapBuilder(Path(folder), STEP_UM, least_seen=LEAST_SEEN)
-        for at in range(len(drive.frames)):
-            if at not in looked_for:
-                builder.add(moved(poses.matrices[at], drive.cloud(at, poses.velocities[at])), poses.matrices[at])
-        file = io.BytesIO()
-        builder.write(file)
-    clouds: dict[Scans, dict[int, Matrix]] = {scans: {} for scans in SCANS}
-    for at in scored.tracked.tolist():
-        cloud = drive.cloud(at, poses.velocities[at])
-        for scans in SCANS:
-            clouds[scans][at] = seen(scans, cloud, SEED + at)
-    return Case(name, poses, scored, MapReader(file).points(), clouds)
-
-
-def at_bytes(points: MapPoints, by: str, size: int, count: int) -> MapPoints:
-    """A map by a method with a file of about `size` bytes; count: number of points to begin with."""
-    made, _ = compressed(points, by, count, SEED)
+def at_bytes(points: MapPoints, by: str, size: int, count: int, weights: Path | None) -> tuple[MapPoints, Any]:
+    """A map by a method with a file of about `size` bytes, and what is known of the choice; count: number of points to
+    begin with."""
+    select = method(by, weights if by == LEARNED else None)
+    made, about = compressed(points, by, count, SEED, select)
     for _ in range(ROUNDS):
         bytes_ = file_bytes(made)
         if abs(bytes_ / size - 1) < 0.01:
             break
         count = min(max(round(count * size / bytes_), 100), len(points))
-        made, _ = compressed(points, by, count, SEED)
-    return made
+        made, about = compressed(points, by, count, SEED, select)
+    return made, about
 
 
 def localised(case: Case, points: MapPoints) -> list[str]:
@@ -113,7 +70,7 @@ def localised(case: Case, points: MapPoints) -> list[str]:
     return cells
 
 
-def row_of(case: Case, share: str, by: str, points: MapPoints) -> list[str]:
+def row_of(case: Case, share: str, by: str, points: MapPoints) -> Row:
     """A row of the table of localisation."""
     size = file_bytes(points)
     return [
@@ -122,23 +79,34 @@ def row_of(case: Case, share: str, by: str, points: MapPoints) -> list[str]:
     ]  # fmt: skip
 
 
-def whole_rows(case: Case) -> Iterator[list[str]]:
+def case_made(name: str, cache: Path) -> Rows:
+    """No row: the drive is made and kept."""
+    _case(name, cache)
+    return iter(())
+
+
+def whole_rows(name: str, cache: Path) -> Rows:
     """A row for the whole map."""
-    yield row_of(case, "100 %", "whole", bare(case.whole))
+    case = _case(name, cache)
+    yield "localisation", row_of(case, "100 %", "whole", bare(case.whole))
 
 
-def share_rows(case: Case, share: float, methods: Sequence[str]) -> Iterator[list[str]]:
-    """A row for each method, all with the bytes of the random one."""
+def share_rows(name: str, cache: Path, share: float, by: str, weights: Path | None) -> Rows:
+    """A row for a share and a method, with the bytes of the random choice, and one for the gap of the programme."""
+    case = _case(name, cache)
     count = int(share * len(case.whole))
-    first = compressed(case.whole, "random", count, SEED)[0]
-    size = file_bytes(first)
-    for by in methods:
-        points = first if by == "random" else at_bytes(case.whole, by, size, count)
-        yield row_of(case, f"{100 * share:g} %", by, points)
+    points = compressed(case.whole, "random", count, SEED)[0]
+    if by != "random":
+        points, about = at_bytes(case.whole, by, file_bytes(points), count, weights)
+    yield "localisation", row_of(case, f"{100 * share:g} %", by, points)
+    if by == "paper":
+        head = [f"{name} {100 * share:g} % paper", f"{len(points):,}", f"{about['b']:.1f}"]
+        yield "programme", [*head, f"{100 * about['gap']:.3f} %"]
 
 
-def peer_rows(case: Case) -> Iterator[list[str]]:
+def peer_rows(name: str, cache: Path) -> Rows:
     """Bits a point of positions alone, of the whole map and of the greedy and random ones."""
+    case = _case(name, cache)
     for share in (1.0, 0.2, 0.05):
         for by in ("greedy", "random")[: 1 if share == 1 else 2]:
             count = int(share * len(case.whole))
@@ -151,12 +119,15 @@ def peer_rows(case: Case) -> Iterator[list[str]]:
                 "PCD": 12 * len(only) + 200,
             }
             ours = sizes["ours"]
-            yield [
-                f"{case.name} {100 * share:g} % {'whole' if share == 1 else by}",
-                f"{len(only):,}",
-                *(f"{8 * size / len(only):.2f}" for size in sizes.values()),
-                *(f"{100 * (1 - ours / sizes[peer]):.1f} %" for peer in ("Draco", "LASzip")),
-            ]
+            yield (
+                "size",
+                [
+                    f"{case.name} {100 * share:g} % {'whole' if share == 1 else by}",
+                    f"{len(only):,}",
+                    *(f"{8 * size / len(only):.2f}" for size in sizes.values()),
+                    *(f"{100 * (1 - ours / sizes[peer]):.1f} %" for peer in ("Draco", "LASzip")),
+                ],
+            )
 
 
 def draco(points: MapPoints) -> int:
@@ -198,6 +169,7 @@ TABLES: Final = {
         "Localisation in reduced maps",
         ["map", "points", "kB", "MB/km", "bits/point", "mm", "degrees", "lost", "2 %: mm", "2 %: degrees", "2 %: lost"],
     ),
+    "programme": ("How near `paper` is to the best choice of its programme", ["map", "points", "b", "gap"]),
     "size": ("Positions of maps", ["map", "points", "ours", "Draco", "LASzip", "PCD", "under Draco", "under LASzip"]),
 }
 """Title and columns of each table, by the name of its result."""
@@ -247,24 +219,45 @@ def put(name: str, row: list[str]) -> None:
     results.write(f"maps/{name}", results.Result(results.here() | {"title": title} | about, columns, ordered))
 
 
+def made(make: Callable[..., Rows], *given: Any) -> list[tuple[str, Row]]:
+    """All rows of a job, in a process of its own."""
+    return list(make(*given))
+
+
+def jobs_of(
+    drives: Sequence[str], tables: Sequence[str], methods: Sequence[str], asked: argparse.Namespace
+) -> list[Any]:
+    """What is to be measured: functions with their arguments, drive by drive."""
+    jobs: list[Any] = []
+    for name in drives:
+        if "localisation" in tables:
+            jobs.append((whole_rows, name, asked.cache))
+            jobs += [(share_rows, name, asked.cache, *one, asked.weights) for one in product(SHARES, methods)]
+        if "size" in tables:
+            jobs.append((peer_rows, name, asked.cache))
+    return jobs
+
+
 def main() -> None:
-    """Print, and with --save write, both tables."""
-    words = argparse.ArgumentParser(description=__doc__)
+    """Print, and with --save write the tables."""
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--drives", default=",".join(DRIVES))
-    words.add_argument("--methods", default=",".join(METHODS))
-    words.add_argument("--tables", default=",".join(TABLES))
+    words.add_argument("--methods", help="default: all, `learned` with --weights only")
+    words.add_argument("--tables", default="localisation,size")
+    words.add_argument("--weights", type=Path, help="of `lidarcodec train map-points`")
     words.add_argument("--cache", type=Path, default=Path("build/maps"))
+    words.add_argument("--jobs", type=int, default=1, help="processes")
     words.add_argument("--save", action="store_true")
     asked = words.parse_args()
-    methods = asked.methods.split(",")
-    cases = [case_of(drive, asked.cache) for drive in asked.drives.split(",")]
-    parts: list[tuple[str, Callable[[Case], Iterator[list[str]]]]] = [("localisation", whole_rows)]
-    parts += [("localisation", partial(share_rows, share=share, methods=methods)) for share in SHARES]
-    parts.append(("size", peer_rows))
-    for (name, make), case in product(parts, cases):
-        if name in asked.tables.split(","):
-            for row in make(case):
-                print(*row, sep="  ", flush=True)
+    drives, tables = asked.drives.split(","), asked.tables.split(",")
+    methods = asked.methods.split(",") if asked.methods else METHODS[: None if asked.weights else -1]
+    with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn")) as pool:
+        for ready in as_completed([pool.submit(made, case_made, name, asked.cache) for name in drives]):
+            ready.result()
+        running = [pool.submit(made, *job) for job in jobs_of(drives, tables, methods, asked)]
+        for ready in as_completed(running):
+            for name, row in ready.result():
+                print(name, *row, sep="  ", flush=True)
                 if asked.save:
                     put(name, row)
 
