@@ -18,6 +18,7 @@ from lidarcodec._native import crc32c
 from lidarcodec.commands.certs.command import _read as read_deployment
 from lidarcodec.commands.publish.config import read as read_config
 from lidarcodec.entropy.varint import put_varint
+from lidarcodec.evaluation.detection.detector.network import read_network
 from lidarcodec.evaluation.trajectory import Trajectory
 from lidarcodec.maps.file import HEAD, HEAD_BYTES, MAGIC, read_map
 from lidarcodec.maps.select.point_net import read_point_net
@@ -310,6 +311,7 @@ BOMBS = {
         read_weights,
     ),
     "weights, arrays": ("weights", lambda f: npz(f, (MIB,), 8 * MIB, "about"), read_point_net),
+    "weights, detector": ("weights", lambda f: npz(f, (MIB,), 8 * MIB, "about"), read_network),
     "map, many points": ("map", many_points, read_map),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
     "config, no end": ("config", endless, read_config),

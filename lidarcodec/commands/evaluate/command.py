@@ -176,10 +176,19 @@ def detection(
     poses: Annotated[
         Path | None, Option("--poses", metavar="FILE", help="Poses, for reductions that use the vehicle's motion.")
     ] = None,
+    detector: Annotated[
+        str,
+        Option(
+            "--detector",
+            metavar="FILE",
+            help="Weights of the detector. `shipped`: those of the package. `none`: only clusters.",
+        ),
+    ] = "shipped",
     seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of the bootstrap.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Find labelled objects in coded frames without a network. Print how many are left, and how much of them."""
+    """Find labelled objects in coded frames, by clusters and by a small network. Print how many are left, and how much
+    of them."""
     from lidarcodec.commands.evaluate import detection as command
 
     command.run(
@@ -194,6 +203,7 @@ def detection(
         skip=skip,
         calibration=calibration,
         poses=poses,
+        detector=detector,
         seed=seed,
         as_json=as_json,
     )

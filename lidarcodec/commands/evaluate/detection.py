@@ -14,6 +14,7 @@ from lidarcodec.commands.running.telling import tell, terminal_width
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import SettingsError
+from lidarcodec.evaluation.detection.detector.network import SHIPPED, read_network
 from lidarcodec.evaluation.detection.evaluate import Detection, Result
 from lidarcodec.evaluation.detection.labels import read_labels
 from lidarcodec.evaluation.detection.report import text_tables
@@ -36,6 +37,7 @@ def run(
     skip: int,
     calibration: Path | None,
     poses: Path | None,
+    detector: str,
     seed: int,
     as_json: bool,
 ) -> None:
@@ -47,6 +49,9 @@ def run(
     if labels is None and (camera is not None or first_label):
         raise SettingsError("--camera and --first-label belong to --labels FILE", "labels")
     settings = _settings(codecs, pairs, recordings)
+    network = (
+        None if detector == "none" else read_network(SHIPPED if detector == "shipped" else Path(detector), detector)
+    )
     for path in recordings:  # one that cannot be read is told before anything is measured
         RecordedFrames(path)
     known = None if labels is None else read_labels(labels, camera)
@@ -56,7 +61,7 @@ def run(
         with progress(f"reading {source}", frames) as tick:
             drive = Detection(
                 source, known, first_label=first_label, frames=frames, skip=skip, calibration=calibration, poses=poses,
-                seed=seed, tick=tick,
+                seed=seed, detector=network, tick=tick,
             )  # fmt: skip
         results.append(drive.original())
         for name, measure in _jobs(drive, settings, recordings):

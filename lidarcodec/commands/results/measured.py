@@ -68,6 +68,12 @@ class Detected(TypedDict):
     ground_iou_error: Annotated[float | None, "its error, by bootstrap over frames"]
     kinds: Annotated[dict[str, dict[str, Any]], "the fields from `objects` to `size_error_difference_error` by kind"]
     distances: Annotated[dict[str, dict[str, Any]], "the same by distance, such as `15-30` metres"]
+    detector: NotRequired[
+        Annotated[
+            dict[str, dict[str, Any]],
+            "of a network, by kind: `objects`, average precision `ap`, `ap_difference` to the original, their errors",
+        ]
+    ]
 
 
 class Localised(TypedDict):

@@ -19,6 +19,9 @@ import lidarcodec
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.bench import effective
 from lidarcodec.evaluation.detection.boxes import Boxes, joined
+from lidarcodec.evaluation.detection.detector.network import Network
+from lidarcodec.evaluation.detection.detector.objects import NONE, Found, found_in
+from lidarcodec.evaluation.detection.detector.precision import Precision, precisions
 from lidarcodec.evaluation.detection.labels import Labels
 from lidarcodec.evaluation.detection.objects import Objects, objects_in
 from lidarcodec.evaluation.detection.scores import FEWEST_RETURNS, Tally, scores
@@ -26,6 +29,7 @@ from lidarcodec.evaluation.detection.segments import Segments, Surfaces, ground_
 from lidarcodec.evaluation.detection.truth import boxes_of
 from lidarcodec.evaluation.localisation.coding import received
 from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import frames_of
@@ -35,6 +39,9 @@ from lidarcodec.sources.drive import SimulatedDrive
 from lidarcodec.sources.posed import posed
 from lidarcodec.wire import pack
 
+AHEAD: Final = 1
+AROUND: Final = 5
+"""Sectors that the detector looks at: KITTI's labels are those of a camera that looks ahead."""
 TURN_S: Final = 0.1
 """Time of a frame, where there is only one."""
 SHORTEST_S: Final = 0.001
@@ -64,6 +71,7 @@ class _Sent:
     bytes: int = 0
     points: int = 0
     tallies: dict[int, tuple[Objects, tuple[int, int]]] = field(default_factory=dict)
+    boxes: dict[int, Found] = field(default_factory=dict)
 
 
 class Detection:
@@ -71,6 +79,7 @@ class Detection:
 
     labels: boxes by the number of their frame; None for a simulated drive, whose boxes are known
     first_label: number of the labels of the source's first frame; tick: called after each frame, can be changed
+    detector: network whose average precision is measured, too
     Raises SourceError if the source cannot be used, or has no labelled frame, SettingsError if labels are missing.
     """
 
@@ -85,9 +94,11 @@ class Detection:
         calibration: Path | None = None,
         poses: Path | None = None,
         seed: int = 1,
+        detector: Network | None = None,
         tick: Tick = lambda: None,
     ) -> None:
         self.name, self._seed, self.tick = str(spec), seed, tick
+        self._detector, self._sectors = detector, AROUND if labels is None else AHEAD
         self._labels = "labels" if labels is not None else "simulated"
         self.frames: list[Labelled] = []
         with open_source(spec, calibration=calibration, poses=poses) as source:
@@ -108,22 +119,24 @@ class Detection:
         for one in self.frames:
             ground = int(np.count_nonzero(one.surfaces == 2))
             self.tally.add(one.boxes, one.objects, one.counted, (ground, ground))
+        self.precision = self._precision_of({at: self._found(one.frame) for at, one in enumerate(self.frames)})
 
     def original(self) -> Result:
         """Scores of the original frames."""
         points = sum(one.frame.points for one in self.frames)
         about = {"source": self.name, "codec": "original", "settings": {}}
-        return about | self._about(len(self.frames), points, None) | scores(self.tally, self.tally, self._seed)
+        about |= self._about(len(self.frames), points, None) | scores(self.tally, self.tally, self._seed)
+        return about | self._detected(self.precision)
 
     def setting(self, settings: StreamSettings) -> Result:
         """Scores of the frames as they come back, coded with these settings.
 
         Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
         """
-        about, tally = self.measured(settings)
-        return about | scores(tally, self.tally, self._seed)
+        about, tally, precision = self.measured(settings)
+        return about | scores(tally, self.tally, self._seed) | self._detected(precision)
 
-    def measured(self, settings: StreamSettings) -> tuple[Result, Tally]:
+    def measured(self, settings: StreamSettings) -> tuple[Result, Tally, Precision]:
         """What `setting` says about codec and bitrate, and what was measured in each frame.
 
         Raises DecodeError if a codec cannot decode its own messages, SettingsError, UnknownNameError.
@@ -136,7 +149,8 @@ class Detection:
         coded = received([one.frame for one in self.frames], settings, (), tick=self.tick, show=show)
         sent.bytes = sum(coded.sizes)
         about = {"source": self.name, "codec": settings.codec, "settings": effective(settings)}
-        return about | self._about(len(sent.tallies), sent.points, sent.bytes), self._tally_of(sent)
+        about |= self._about(len(sent.tallies), sent.points, sent.bytes)
+        return about, self._tally_of(sent), self._precision_of(sent.boxes)
 
     def recording(self, path: Path) -> Result:
         """Scores of the frames in a recording of this drive.
@@ -166,12 +180,32 @@ class Detection:
             "failed": sum(recorded.failed.values()),
         }
         sizes = self._about(len(sent.tallies), sent.points, sent.bytes if message is not None else None)
-        return about | sizes | scores(self._tally_of(sent), self.tally, self._seed)
+        found = scores(self._tally_of(sent), self.tally, self._seed)
+        return about | sizes | found | self._detected(self._precision_of(sent.boxes))
 
     def _measure(self, sent: _Sent, at: int, frame: Frame) -> None:
         one, parts = self.frames[at], segments_of(frame)
         sent.points += len(parts.points)
         sent.tallies[at] = objects_in(one.boxes, parts, one.counted), ground_overlap(one.surfaces, parts)
+        sent.boxes[at] = self._found(frame)
+
+    def _found(self, frame: Frame) -> Found:
+        if self._detector is None:
+            return NONE
+        cloud = measured_only(frame).cloud()
+        points = np.stack([cloud[name] for name in "xyz"], axis=-1)
+        return found_in(self._detector, points, cloud["intensity"], self._sectors)
+
+    def _precision_of(self, boxes: dict[int, Found]) -> Precision:
+        precision = Precision()
+        for at, one in enumerate(self.frames):
+            precision.add(at, boxes.get(at, NONE), one.boxes, one.counted, self._sectors)
+        return precision
+
+    def _detected(self, precision: Precision) -> Result:
+        if self._detector is None:
+            return {}
+        return {"detector": precisions(precision, self.precision, self._seed)}
 
     def _tally_of(self, sent: _Sent) -> Tally:
         tally = Tally()

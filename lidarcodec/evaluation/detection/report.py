@@ -13,7 +13,8 @@ EXPLAINED = """\
 found = labelled objects that are one cluster, with an intersection over union above 0.5; d found = percentage points
 more than in the original frames, +- one standard error by bootstrap over objects; returns = left in the boxes; size =
 mean error of a cluster's length, width and height; d size = how much larger it is than in the original frames; ground =
-intersection over union of the returns on the ground with those of the original frames"""
+intersection over union of the returns on the ground with those of the original frames; AP = average precision of the
+detector, in percent; d AP = percentage points more than in the original frames"""
 
 
 def text_tables(results: Sequence[Result], width: int | None = None) -> str:
@@ -71,4 +72,7 @@ def _cells(result: Result) -> dict[str, str]:
         cells[f"{kind} %"] = percent(score["found"])
     for band, score in result["distances"].items():
         cells[f"{band} m %"] = percent(score["found"])
+    for kind, score in result.get("detector", {}).items():
+        cells[f"{kind} AP"] = percent(score["ap"])
+        cells[f"{kind} d AP"] = "-" if result["codec"] == "original" else difference(score, "ap", 100)
     return cells
