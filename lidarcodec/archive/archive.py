@@ -32,11 +32,15 @@ Time = str | int | datetime
 
 
 class Archive:
-    """An archive for reading. store: where it is"""
+    """An archive for reading.
+
+    store: where it is;  lost: segments whose tables are lost, which the last condition could not see
+    """
 
     def __init__(self, where: str | Path | Store) -> None:
         """Raises UnknownNameError, MissingExtraError or SourceError if there can be no archive."""
         self.store = open_store(where)
+        self.lost = 0
 
     def frames(
         self,
@@ -130,7 +134,7 @@ class Archive:
         from lidarcodec.archive.query import TRIES, segments_where
 
         for _ in range(TRIES):
-            wanted, commits = segments_where(self.store, condition), commits_of(self.store)
+            (wanted, self.lost), commits = segments_where(self.store, condition), commits_of(self.store)
             if wanted.keys() <= {commit.segment for commit in commits}:
                 return [Chosen(one, frozenset(wanted[one.segment])) for one in commits if one.segment in wanted]
         raise SourceError(f"{self.store.url}: segments are being replaced all the time: try again later")

@@ -7,11 +7,12 @@
 | `frames/VEHICLE/SENSOR/SEGMENT-HASH.parquet` | a row for each of its frames |
 | `commits/VEHICLE/SENSOR/FIRST-LAST-ORIGIN-SEGMENT.json` | makes both visible |
 | `aside/ORIGIN-SEGMENT.json` | an input or a segment that was set aside, with the reason |
-| `verified/SEGMENT.json` | that the job `verify` found it whole, without its input |
-| `verified/SEGMENT-compared.json` | the same, compared with its input |
+| `verified/SEGMENT-LISTED.json` | that the job `verify` found it whole, without its input |
+| `verified/SEGMENT-LISTED-compared.json` | the same, compared with its input |
 
 NAME is a hash of an input's name, INPUT one of its name and its contents as listed (size, tag, files beside it), ORIGIN
-one of INPUT and the settings, SEGMENT one of ORIGIN and the range, HASH one of the recording's bytes. A listing of
+one of INPUT and the settings, SEGMENT one of ORIGIN and the range, HASH one of the recording's bytes, LISTED one of its
+name, size and tag. A listing of
 commits says which segments exist, when they begin and end, and what they come from: an input with settings, or, after
 `recompress`, another segment.
 """
@@ -34,7 +35,9 @@ _COMMIT: Final = re.compile(
     r"-(?P<segment>[0-9a-f]{24})\.json",
     re.ASCII,
 )
+_RECORDING: Final = re.compile(r"recordings/[^/]+/[^/]+/(?P<segment>[0-9a-f]{24})-[0-9a-f]{16}\.mcap")
 _PART: Final = re.compile(r"frames/[^/]+/[^/]+/(?P<segment>[0-9a-f]{24})-[0-9a-f]{16}\.parquet")
+_NOTE: Final = re.compile(r"verified/(?P<segment>[0-9a-f]{24})(-[0-9a-f]{24})?(-compared)?\.json")
 _PLAN: Final = re.compile(r"plans/([0-9a-f]{24})-([0-9a-f]{24})-([0-9a-f]{24})-(\d{1,9})\.json", re.ASCII)
 _IDS: Final = re.compile(r"[0-9a-f]{24}")
 
@@ -89,15 +92,30 @@ def commit_of(name: str) -> Commit | None:
     )
 
 
+def recorded_segment(name: str) -> str | None:
+    """The segment of a recording; None for another object."""
+    found = _RECORDING.fullmatch(name)
+    return None if found is None else found["segment"]
+
+
 def part_segment(name: str) -> str | None:
     """The segment of a table of frames; None for another object."""
     found = _PART.fullmatch(name)
     return None if found is None else found["segment"]
 
 
-def notes_of(segment: str) -> tuple[str, str]:
-    """Names of what the job `verify` notes of a segment: that it can be read, and that it is what its input holds."""
-    return f"verified/{segment}.json", f"verified/{segment}-compared.json"
+def notes_of(segment: str, listed: str) -> tuple[str, str]:
+    """Names of what the job `verify` notes of a segment: that it can be read, and that it is what its input holds.
+
+    listed: the id of its recording as it was listed then, so that a note says nothing of one that changed
+    """
+    return f"verified/{segment}-{listed}.json", f"verified/{segment}-{listed}-compared.json"
+
+
+def segment_of_note(name: str) -> str | None:
+    """The segment of such a note; None for another object."""
+    found = _NOTE.fullmatch(name)
+    return None if found is None else found["segment"]
 
 
 class PlanName(NamedTuple):

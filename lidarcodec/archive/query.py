@@ -72,8 +72,10 @@ def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log
     return Answer(columns, rows, lost)
 
 
-def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
-    """Offsets of the messages with frames that fit a condition, by segment. Raises SettingsError, OSError."""
+def segments_where(store: Store, condition: str) -> tuple[dict[str, set[int]], int]:
+    """Offsets of the messages with frames that fit a condition, by segment, and the number of segments whose tables are
+    lost, so that theirs are not among them. Raises SettingsError, OSError.
+    """
 
     def answer(connection: Any) -> dict[str, set[int]]:
         found: dict[str, set[int]] = {}
@@ -82,7 +84,7 @@ def segments_where(store: Store, condition: str) -> dict[str, set[int]]:
             found.setdefault(segment, set()).add(offset)
         return found
 
-    return _answered(store, answer)[0]
+    return _answered(store, answer)
 
 
 def _selects(connection: Any, sql: str) -> Any:

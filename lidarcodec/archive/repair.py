@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from lidarcodec.archive.contents import commits_of
 from lidarcodec.archive.jobs.reading import made_from
-from lidarcodec.archive.names import Commit, notes_of
+from lidarcodec.archive.names import Commit, segment_of_note
 from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
@@ -38,9 +38,12 @@ def repair(store: Store, source: Store) -> Counter[str]:
     known: dict[Commit, _Named | None] = {}
     while lost := [one for one in commits_of(store) if _is_lost(store, source, one, _known(store, one, known), there)]:
         for commit in lost:  # what it replaced is visible then, and may be lost, too
-            for name in (commit.name, *notes_of(commit.segment)):
-                store.delete(name)
+            store.delete(commit.name)
             counts["lost"] += 1
+        segments = {commit.segment for commit in lost}
+        for entry in list(store.entries("verified/")):
+            if segment_of_note(entry.name) in segments:
+                store.delete(entry.name)
     named = set(_kept(store, there, known))
     joined = {entry.name for entry in store.entries("index/")}
     unlisted = {name for name in joined if name.endswith(".parquet") and f"{name[:-8]}.json" not in joined}

@@ -68,7 +68,7 @@ def run(
             raise StoppedError from None
     plan = fetch.plan
     with whole(out, force=force) as output:
-        size = write_clip(plan, store, output.beside)
+        written = write_clip(plan, store, output.beside)
     state = fetch.state()
     store.forget(piece.name for piece in plan.pieces)
     (store.folder / _plan_name(clip)).unlink(missing_ok=True)
@@ -76,7 +76,10 @@ def run(
         store.folder.rmdir()
     for begin_ns, end_ns in plan.gaps():
         log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
-    about = {"output": str(out), "bytes": size, **{name: state[name] for name in ("frames", "bytes_received", "gaps")}}
+    if written.frames != state["frames"]:
+        log.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)
+    about = {"output": str(out), "bytes": written.bytes, "frames": written.frames}
+    about |= {name: state[name] for name in ("bytes_received", "gaps")}
     tell(about, _line(about), as_json)
 
 

@@ -44,6 +44,15 @@ def test_what_is_broken_is_said_at_each_run(inputs, filled):
         assert "BROKEN" in archive("run", inputs, filled, "--job", "verify", "--workers", "here", code=1).stdout
 
 
+def test_a_condition_that_could_not_see_all_segments_is_no_success(filled, tmp_path):
+    """Their frames were missing, and the exit code was 0."""
+    next((filled / "frames").rglob("*.parquet")).unlink()
+    done = archive("get", filled, tmp_path / "some.mcap", "--where", "points >= 0", code=1)
+    assert "could not see those of 1 segment whose tables are lost" in done.stderr
+    assert (tmp_path / "some.mcap").exists()
+    archive("get", filled, tmp_path / "all.mcap")
+
+
 def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inputs, filled):
     before = objects(filled)
     (filled / "recordings/car-7/roof" / f"{'0' * 24}-{'0' * 16}.mcap").write_bytes(b"never committed")

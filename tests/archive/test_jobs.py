@@ -208,7 +208,7 @@ def test_frames_that_fit_a_condition_are_whole_when_a_segment_is_replaced(filled
     monkeypatch.setattr("lidarcodec.archive.query.segments_where", before_a_recompress)
     assert len(list(open_archive(filled).frames(where="true"))) == FRAMES
     assert len(asked) == 2
-    monkeypatch.setattr("lidarcodec.archive.query.segments_where", lambda *_: {id_of("gone"): {0}})
+    monkeypatch.setattr("lidarcodec.archive.query.segments_where", lambda *_: ({id_of("gone"): {0}}, 0))
     with pytest.raises(SourceError, match="try again later"):
         list(open_archive(filled).frames(where="true"))
 

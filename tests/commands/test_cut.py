@@ -7,6 +7,7 @@ import pytest
 from lidarcodec.recording import RecordingReader
 from tests.command_line import run_here, the_one_line
 from tests.commands.test_json import check
+from tests.recording.damaged import damaged_message
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,13 @@ def test_parts_joined_again_are_the_recording(drive, tmp_path):
     assert [len(messages(tmp_path / f"p-00{n}.mcap")) for n in range(3)] == [3, 3, 2]
     assert run_here("join", *found["outputs"], tmp_path / "back.mcap").returncode == 0
     assert messages(tmp_path / "back.mcap") == messages(drive / "drive.mcap")
+
+
+def test_a_damaged_message_is_not_copied_without_a_word(drive, tmp_path, caplog):
+    hurt = damaged_message(drive / "drive.mcap", tmp_path / "hurt.mcap", 2)
+    cut(hurt, tmp_path / "a.mcap", "--frames", 4)
+    assert "copied as they are, though damaged: 1 message" in caplog.text
+    assert messages(tmp_path / "a.mcap") == messages(hurt)[:4]
 
 
 def test_packets_and_the_calibration_beside_them_are_copied(drive, tmp_path):

@@ -11,6 +11,7 @@ from lidarcodec.recording import RecordingReader, RotatingRecorder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
+from tests.recording.damaged import damaged_message
 
 FRAMES = 6
 SOURCE = f"sim:city?frames={FRAMES}"
@@ -143,6 +144,16 @@ def test_a_part_that_is_damaged_is_joined_only_if_that_is_meant(parts: Path, tmp
     assert not out.exists()
     assert run_here("join", hurt, parts / "b.mcap", out, "--allow-gap").returncode == 0
     assert 0 < len(messages_in(out)) < 4
+
+
+def test_a_part_with_a_damaged_message_is_joined_only_if_that_is_meant(parts: Path, tmp_path: Path) -> None:
+    """It was copied without a word."""
+    hurt, out = damaged_message(parts / "a.mcap", tmp_path / "hurt.mcap", 1), tmp_path / "out.mcap"
+    refused = run_here("join", hurt, parts / "b.mcap", out)
+    assert (refused.returncode, "has 1 message that cannot be decoded" in refused.stderr) == (1, True)
+    assert not out.exists()
+    assert run_here("join", hurt, parts / "b.mcap", out, "--allow-gap").returncode == 0
+    assert len(messages_in(out)) == 4
 
 
 def test_a_file_of_a_live_recording_that_was_forgotten_is_noticed(drive: Path, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests import packets as made
 from tests.command_line import run_here
 from tests.commands.test_convert_messages import written
+from tests.recording.damaged import damaged_message
 from tests.transport.test_contract import eventually
 
 PACKETS = made.turning(1044)
@@ -200,6 +201,26 @@ def test_whole_frames_before_a_cut_message_are_passed_on(tmp_path, recording, fo
         with open_source(tmp_path / "out") as source:
             assert len(list(source.packets())) > 0
             assert not source.counts["truncated"]
+
+
+@pytest.mark.parametrize("form", ["messages", "recording", "pcap"])
+def test_a_damaged_message_is_no_success(tmp_path, recording, form):
+    """All others are passed on. The exit code was 0, so `pipe ... && rm` lost the frame for good."""
+    hurt = damaged_message(recording, tmp_path / "hurt.mcap", 1)
+    with pytest.raises(
+        SourceError, match=r"[1-3] messages or frames could not be passed on; [1-3] frames were passed on"
+    ):
+        piped(None, tmp_path / "out", form, spec=str(hurt))
+    assert (tmp_path / "out").stat().st_size > 0
+
+
+@pytest.mark.parametrize("form", ["messages", "recording", "pcap"])
+def test_a_recording_of_which_a_part_is_gone_is_no_success(tmp_path, recording, form):
+    data = bytearray(recording.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    (tmp_path / "hurt.mcap").write_bytes(data)
+    with pytest.raises(SourceError, match=r"damaged or cut, .*; [1-3] frames were passed on"):
+        piped(None, tmp_path / "out", form, spec=str(tmp_path / "hurt.mcap"))
 
 
 def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):

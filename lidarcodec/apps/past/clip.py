@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
+from lidarcodec import wire
 from lidarcodec.apps.past.plan import Plan
 from lidarcodec.apps.recorder import LOSSLESS
 from lidarcodec.errors import DecodeError, SourceError
@@ -12,13 +14,20 @@ from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.pieces import messages_in
 
 
-def write_clip(plan: Plan, store: PieceStore, path: Path) -> int:
-    """Write the pieces of a plan to a recording at `path`. Returns its bytes.
+class Written(NamedTuple):
+    """A clip: its bytes, and the frames that are in it, whatever the vehicle had listed."""
+
+    bytes: int
+    frames: int
+
+
+def write_clip(plan: Plan, store: PieceStore, path: Path) -> Written:
+    """Write the pieces of a plan to a recording at `path`.
 
     It begins with the first piece that reaches into the clip, so up to a second earlier, and ends as much later.
     Raises SourceError if a piece is missing or damaged, OSError.
     """
-    clip = plan.clip
+    clip, frames = plan.clip, 0
     about = {"past": f"{clip.from_ns} to {clip.to_ns}", "gaps": str(len(plan.gaps()))}
     with path.open("wb") as file:
         with RecordingWriter(file, clip.keys.vehicle, clip.keys.sensor, LOSSLESS, about) as writer:
@@ -26,6 +35,7 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> int:
                 try:
                     for message in messages_in(store.read(piece.name)):
                         writer.write(message)
+                        frames += wire.peek(message).frame_count
                 except DecodeError as error:
                     raise SourceError(f"the vehicle kept something else than messages: {error}") from None
-        return file.tell()
+        return Written(file.tell(), frames)

@@ -18,12 +18,13 @@ from lidarcodec.files.digest import sha256_of
 
 
 def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
-    """Compare a segment, and note one that is whole as `verified/SEGMENT-compared.json`.
+    """Compare a segment, and note one that is whole as `verified/SEGMENT-LISTED-compared.json`.
 
-    value: `commit` (fields of Commit), `noted`: whether it was found whole before, without its input
+    value: `commit` (fields of Commit), `listed`: id of its recording as it is listed, None if it is not there
+    `noted`: whether it was found whole before, without its input
 
     If the input is not there any more, only checksum and decoding are checked, once; `compared` is 0 then, and the note
-    is `verified/SEGMENT.json`.
+    is `verified/SEGMENT-LISTED.json`.
     """
     commit = Commit(*value["commit"])
     found = read_commit(target, commit)
@@ -34,8 +35,8 @@ def verify(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any
         target.download(found["object"], path)
         result = _compared(path, found, source)
     result |= {"segment": commit.segment, "object": found["object"]}
-    if not result["broken"]:
-        target.create(notes_of(commit.segment)[result["compared"]], json_of(result))
+    if not result["broken"] and value["listed"] is not None:
+        target.create(notes_of(commit.segment, value["listed"])[result["compared"]], json_of(result))
     return result
 
 

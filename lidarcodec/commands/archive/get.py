@@ -64,7 +64,7 @@ def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_jso
     """Fetch, decode and write. OUT appears when it is complete.
 
     returns: as for Placing.of
-    Raises SourceError if there is no such frame.
+    Raises SourceError if there is no such frame, or tables are lost that a condition needs; OUT has the others then.
     """
     placing = Placing.of(None, None, merge=False, returns=returns)
     arguments = which.arguments()
@@ -87,6 +87,12 @@ def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_jso
         frames, cut = write(store, arguments, out, output, stopped, tick)
         if cut:
             raise StoppedError(f"stopped: {out} was not written")
+    if store.lost:
+        raise SourceError(
+            f"{output.kept} has {counted(frames, 'frame')}, but --where could not see those of "
+            f"{counted(store.lost, 'segment')} whose tables are lost: `archive run --repair` makes them again from "
+            "their inputs"
+        )
     tell({"output": str(output.kept), "frames": frames}, f"{output.kept}: {counted(frames, 'frame')}", as_json)
 
 

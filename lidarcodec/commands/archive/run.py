@@ -16,7 +16,7 @@ from lidarcodec.archive.engines.table import WORKERS, Wishes, check_engine, make
 from lidarcodec.archive.index import index
 from lidarcodec.archive.jobs.recompress import REDUCING
 from lidarcodec.archive.jobs.table import Job, job_of, takers, work_of
-from lidarcodec.archive.names import Commit, notes_of
+from lidarcodec.archive.names import Commit
 from lidarcodec.archive.plan import Choice, CompressPlan, SegmentPlan, archive_settings
 from lidarcodec.archive.policy import Policy
 from lidarcodec.archive.repair import repair
@@ -25,6 +25,7 @@ from lidarcodec.archive.squares import MapPlan
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.stores.table import check_there, open_store
 from lidarcodec.archive.table import check_extra
+from lidarcodec.archive.verified import Verified
 from lidarcodec.commands.archive.jobs.convert import check_form, stem_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
@@ -167,8 +168,8 @@ def _plan(wanted: Wanted, source: Store, target: Store, settings: StreamSettings
     if wanted.job == "map":
         return MapPlan(source, target)
     if wanted.job == "verify":
-        done = _named_in(target, "verified/", lambda commit: notes_of(commit.segment)[1])
-        return SegmentPlan("verify", source, target, _noted(target), done=done)
+        verified = Verified(target)
+        return SegmentPlan("verify", source, target, verified.choice, done=lambda: verified.compared)
     if wanted.job == "convert":
         form = str(wanted.form)
         done = _named_in(target, f"{form}/", lambda commit: f"{stem_of(form, commit)}.json")
@@ -184,12 +185,6 @@ def _named_in(store: Store, folder: str, name: Callable[[Commit], str]) -> Calla
         return lambda commit: name(commit) in names
 
     return listed
-
-
-def _noted(target: Store) -> Choice:
-    """Whether `verify` found a segment whole before, without its input."""
-    names = {entry.name for entry in target.entries("verified/")}
-    return lambda commit: {"noted": notes_of(commit.segment)[0] in names}
 
 
 def _chosen(wanted: Wanted, settings: StreamSettings) -> Choice:

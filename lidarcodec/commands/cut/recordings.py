@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,9 +16,13 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import Whole
 from lidarcodec.layers import peek_refinement
 from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.damage import is_damaged
 from lidarcodec.recording.layout import MESSAGE_ENCODING, PACKET_ENCODING, REFINE_ENCODING
 from lidarcodec.recording.order import REACH
 from lidarcodec.recording.records import Channel, Stored
+from lidarcodec.units import counted
+
+log = logging.getLogger(__name__)
 
 _MOST_HELD: Final = 1000
 """Most messages that wait for refinements of the part before."""
@@ -62,12 +67,16 @@ def run(wanted: Cut) -> None:
             if wanted.name(number).exists() and not wanted.force:
                 raise SettingsError(f"{wanted.name(number)} exists: choose another name, or use --force", "force")
 
+        damaged = 0
+
         def write_part(_: Whole, to: BinaryIO, part: Iterable[tuple[Channel, Stored]]) -> int:
             about = {name: text for name, text in reader.metadata.items() if name != "joined"}
             clouds = any("/points" in channel.topic for channel in reader.channels.values())
             writer = RecordingWriter(to, about["vehicle"], about["sensor"], None, about, clouds=clouds)
+            nonlocal damaged
             count = 0
             for channel, stored in part:
+                damaged += is_damaged(channel, stored)
                 writer.copy(channel, reader.schemas.get(channel.schema, ""), stored)
                 count += 1
             writer.close()
@@ -75,6 +84,8 @@ def run(wanted: Cut) -> None:
 
         copied = RecordingReader(handle, warn=False)
         written, count = write(wanted, _numbered(copied, plan), write_part)
+    if damaged:
+        log.warning("%s: copied as they are, though damaged: %s", wanted.source, counted(damaged, "message"))
     say(wanted, written, [], count, "messages", plan.earlier)
 
 

@@ -20,8 +20,10 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import whole
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.damage import is_damaged
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.records import Channel, Stored
+from lidarcodec.units import counted
 from lidarcodec.wire.header import Header
 
 SAME: Final = ("vehicle", "sensor", "mount")
@@ -105,6 +107,8 @@ def _part(path: Path, handle: BinaryIO) -> Part:
         found.damaged = f"is damaged, and {quiet.counts['damaged']} of its chunks are lost"
     elif quiet.counts["cut"]:
         found.damaged = "was cut off, and its end is lost"
+    elif number := sum(is_damaged(*one) for one in RecordingReader(handle, warn=False).everything()):
+        found.damaged = f"has {counted(number, 'message')} that cannot be decoded"
     if found.first is not None and found.last is not None:
         found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
         if not found.first.key:

@@ -49,12 +49,14 @@ Stop = Callable[[], bool]
 class _Done:
     """Counts of what went through.
 
-    lost: messages or frames that could not be passed on;  points: None where none are written
+    lost: messages or frames that could not be passed on;  damaged: places where the recording that is read is damaged
+    points: None where none are written
     second: second returns left out of the points
     """
 
     frames: int = 0
     lost: int = 0
+    damaged: int = 0
     points: int | None = None
     second: int = 0
 
@@ -115,7 +117,7 @@ def run(
 
     spec: a source, or `-` for standard input;  codec, pairs: None and []: messages are passed on as they are
     standard: descriptors of standard input and output
-    Raises SourceError if the reader of standard output goes away, the input ends early, or nothing could be passed on,
+    Raises SourceError if the reader of standard output goes away, the input ends early, or not all could be passed on,
     SettingsError if `frames` end within a message that is passed on as it is.
     """
     settings = check_offline(one_setting(codec, pairs))
@@ -140,16 +142,19 @@ def run(
             out.flush()
             if feed.source is not None:
                 say_unkept(feed.source.label, feed.source.counts)
+                done.lost += feed.source.counts["undecoded messages"] + feed.source.counts["missing references"]
+            if feed.recording is not None:
+                done.damaged = feed.recording.counts["damaged"] + feed.recording.counts["cut"]
     except BrokenPipeError:
         raise SourceError(f"the reader of standard output went away after {done.frames} frames") from None
     finally:
         out.close()
-        if done.lost:
-            log.warning("%d messages or frames could not be passed on", done.lost)
     if feed.failed is not None:
         raise SourceError(f"{feed.failed}; {done.frames} frames before that were passed on") from feed.failed
     if not done.frames:
         raise SourceError(f"{inputs.NAME if spec == STANDARD else spec} has no frame that can be passed on")
+    if done.lost or done.damaged:  # all else was passed on
+        raise SourceError(_lacking(done))
     found = Piped(format=form, frames=done.frames, bytes=out.bytes, lost=done.lost)
     text = f"{done.frames} frames, {out.bytes:,} bytes of {form}"
     if done.points is not None:
@@ -159,6 +164,13 @@ def run(
         text += f", {second_returns_text(done.second)}"
     with contextlib.redirect_stdout(sys.stderr):  # standard output is for the frames
         tell(found, text, as_json)
+
+
+def _lacking(done: _Done) -> str:
+    lacking = [f"{done.lost} messages or frames could not be passed on"] if done.lost else []
+    if done.damaged:
+        lacking.append("the recording is damaged or cut, and what it has lost is missing")
+    return f"{'; '.join(lacking)}; {done.frames} frames were passed on"
 
 
 def _check(spec: str, form: str, recodes: bool, standard: tuple[int, int]) -> None:

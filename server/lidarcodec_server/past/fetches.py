@@ -287,7 +287,7 @@ class Fetches:
         path = self._clips.clip_file(job.record)
         try:
             with written_whole(path, private=True) as beside:
-                return write_clip(plan, self._clips.store, beside)
+                return write_clip(plan, self._clips.store, beside).bytes
         except OSError as error:
             raise SourceError(f"the clip cannot be written: {error.strerror or error}") from None
 

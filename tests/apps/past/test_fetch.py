@@ -229,6 +229,16 @@ def test_a_vehicle_that_does_not_answer_is_given_up_after_a_while(tmp_path: Path
         fetching(tmp_path, near, patience_s=0.2).run()
 
 
+def test_a_clip_counts_the_frames_that_it_holds_whatever_the_vehicle_had_listed(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    done = fetching(tmp_path, near)
+    plan = done.run()
+    listed = sum(piece.frames for piece in plan.there)
+    plan.pieces = [piece._replace(frames=piece.frames + 5) for piece in plan.pieces]
+    assert write_clip(plan, PieceStore(tmp_path), tmp_path / "clip.mcap").frames == listed
+
+
 def test_what_was_overwritten_meanwhile_is_a_gap(tmp_path: Path, network: MemoryNetwork, near: MemoryTransport) -> None:
     folder = tmp_path / "ring"
     ring(folder, 0, 60)
