@@ -23,6 +23,7 @@ _MAX_CHANNELS: Final = 4096
 _MAX_STREAMS: Final = 4096
 """Most stream ids that are remembered: a hostile file may have a new one in each message."""
 _MAX_PLACES: Final = 1 << 20
+_Times = tuple[int, int] | None
 """Most remembered places to begin reading: 130 MB."""
 
 
@@ -61,6 +62,7 @@ class RecordingReader:
         """Refinements of messages that `messages` gave, or will give soon."""
         self._warned = not warn
         self._summarised = False
+        self._times: _Times = None
         self._work = Work()
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
@@ -131,12 +133,11 @@ class RecordingReader:
         return {one.topic: self.schemas[one.schema] for one in self.channels.values() if one.schema in self.schemas}
 
     def span(self) -> tuple[int, int] | None:
-        """Stamps in ns of the first and the last complete message; None if there is none."""
-        places = self._indexed() or self._scanned()
-        if not places:
-            return None
-        last = max((one.log_time for _, stored in self._walk(places[-1][1], check=False) for one in stored), default=0)
-        return places[0][0], max(places[0][0], last)
+        """Earliest and latest stamp in ns of the complete messages; None if there is none.
+
+        They need not be those of the first and the last one: a clock may have been set back meanwhile.
+        """
+        return self._times if self._indexed() or self._scanned() else None
 
     def _read_beginning(self) -> None:
         """Metadata and channels up to the first message."""
@@ -300,23 +301,30 @@ class RecordingReader:
         if start is None:
             return []
         found: list[tuple[int, int]] = []
+        times: _Times = None
         try:
             for record in records.records(self._stream, start, self._size):
                 self._learn_of(self._stream, record)
                 if record.opcode == records.CHUNK_INDEX:
-                    found.append(records.chunk_span(self._stream, record))
+                    first, last, offset = records.chunk_span(self._stream, record)
+                    times = _with(times, first, last)
+                    found.append((first, offset))
                     _thin(found)
         except DamagedError:
             return []
+        self._times = times
         return found if all(self._data_start <= offset < start for _, offset in found) else []
 
     def _scanned(self) -> list[tuple[int, int]]:
         """The same from the data section, without reading messages."""
         found: list[tuple[int, int]] = []
+        times: _Times = None
         for at, stored in self._walk(self._data_start, check=False):
             if stored:
+                times = _with(times, min(one.log_time for one in stored), max(one.log_time for one in stored))
                 found.append((stored[0].log_time, at))
                 _thin(found)
+        self._times = times
         return found
 
     def _damaged(self, error: Exception) -> None:
@@ -339,6 +347,11 @@ class RecordingReader:
         if not self._warned:
             self._warned = True
             log.warning("%s", text)
+
+
+def _with(times: _Times, first: int, last: int) -> _Times:
+    """Earliest and latest of all times."""
+    return (first, last) if times is None else (min(times[0], first), max(times[1], last))
 
 
 def _thin(places: list[tuple[int, int]]) -> None:

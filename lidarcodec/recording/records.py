@@ -275,9 +275,9 @@ def message_count(stream: IO[bytes], record: Record) -> int:
     return int.from_bytes(read(stream, record.start, 8), "little")
 
 
-def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int]:
-    """Time of the first message and offset of the chunk in an index record."""
+def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int, int]:
+    """Times of the first and the last message, and offset of the chunk in an index record."""
     if record.length < _CHUNK_INDEX.size:
         raise DamagedError(f"a chunk index has only {record.length} bytes")
-    first, _, start, _ = _CHUNK_INDEX.unpack(read(stream, record.start, _CHUNK_INDEX.size))
-    return first, start
+    first, last, start, _ = _CHUNK_INDEX.unpack(read(stream, record.start, _CHUNK_INDEX.size))
+    return first, last, start

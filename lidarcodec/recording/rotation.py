@@ -39,6 +39,10 @@ _FRAME_BYTES: Final = 4096
 """Most bytes of a file without messages."""
 _POSE_BYTES: Final = 1536
 """Most bytes of a cloud's head, its pose and its mounting."""
+_STEP_NS: Final = 10**9
+"""A clock that was set back by so much begins another file, so that the times of a file are one span."""
+_LEAST_MESSAGES: Final = 10
+"""So many messages are in a file before that: a clock that jumps again and again makes no files without number."""
 _SPARE: Final = 3
 """File handles in reserve: a new file, its folder, and one more."""
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
@@ -90,7 +94,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.stopped: str | None = None
         self._file: IO[bytes] | None = None
         self._writer: RecordingWriter | None = None
-        self._synced = self._in_file = 0
+        self._synced = self._in_file = self._newest_ns = 0
         self._made: list[str] = []
         self._spare = SpareHandles(_SPARE)
 
@@ -101,11 +105,13 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         """
         header = wire.peek(data)
         self._look_after_file()
-        if header.key and (self._writer is None or self._size_with(len(data)) > self.max_file_bytes):
+        set_back = header.stamp_ns < self._newest_ns - _STEP_NS and self._in_file >= _LEAST_MESSAGES
+        if header.key and (self._writer is None or set_back or self._size_with(len(data)) > self.max_file_bytes):
             self._begin(header.stamp_ns, len(data))
         if self._writer is None and self.stopped is None:
             self.counts["waiting for a key message"] += 1
             return False
+        self._newest_ns = header.stamp_ns if not self._in_file else max(self._newest_ns, header.stamp_ns)
         recorded = self._add(len(data), lambda writer: writer.write(data))
         self.counts["frames"] += header.frame_count if recorded else 0
         return recorded

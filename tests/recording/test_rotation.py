@@ -24,6 +24,20 @@ def big(index: int, key: bool) -> bytes:
     return message(index, key, size=100_000)
 
 
+def test_a_clock_that_is_set_back_begins_a_file_and_one_that_jumps_does_not_begin_many(tmp_path: Path) -> None:
+    """A file whose times go back was said to end where it began."""
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
+    for index in range(60):
+        stamp_ns = 10**18 + index * 10**8 - (3600 * 10**9 if index >= 30 and index % 2 else 0)
+        assert recorder.write(message(index, True, stamp_ns=stamp_ns))
+    recorder.close()
+    assert len(recorder.files()) == 4
+    for path in recorder.files():
+        with path.open("rb") as file:
+            stamps = [stamp for stamp, _ in RecordingReader(file).messages()]
+            assert RecordingReader(file).span() == (min(stamps), max(stamps))
+
+
 def test_files_are_changed_at_key_messages_and_the_oldest_go(tmp_path: Path) -> None:
     recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
     for index in range(200):

@@ -6,14 +6,18 @@ import asyncio
 import io
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
 from lidarcodec.apps.past.keeper import Keep
-from lidarcodec.apps.past.plan import Clip
+from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.errors import SourceError
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.marks import Mark
+from lidarcodec.recording.pieces import Piece
+from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import peek
 from lidarcodec_server.past import fetches, marked
 from lidarcodec_server.past.clips import MAX_GAPS, Clips, Record, few
@@ -375,6 +379,39 @@ async def test_a_mark_that_a_vehicle_tells_of_is_fetched_once(serving, keeping, 
 
         await until(both)
         assert await actions(client) == []
+
+
+def waiting_fetches(folder, network):
+    """Fetches none of which begins."""
+    return fetches.Fetches(Clips(folder, 1 << 20), network.transport)
+
+
+def test_a_vehicle_that_tells_of_many_marks_leaves_places_to_others(tmp_path, network):
+    """One vehicle took all of them, so nobody could fetch anything, and no mark of another one was."""
+    held = waiting_fetches(tmp_path, network)
+    clips = [Clip(StreamKeys(f"car-{car}", "roof"), at, at + 1) for car in range(9) for at in range(9)]
+    refused = []
+    for clip in clips:
+        try:
+            held.begin(clip, f"mark m-{clip.from_ns}", stays=True)
+        except fetches.TooManyFetchesError:
+            refused.append(clip.keys.vehicle)
+    assert refused.count("car-0") == 1
+    assert len(held.all()) == fetches.MAX_OF_MARKS < fetches.MAX_WAITING
+    held.begin(Clip(KEYS, 0, 1), "olga")
+
+
+def test_clips_of_marks_of_one_vehicle_do_not_take_the_room_of_others(tmp_path, network):
+    held = waiting_fetches(tmp_path, network)
+    staying = [
+        Record(f"{n}", Clip(KEYS, n, n + 1), "complete", "mark m", n, size=100_000, stays=True) for n in range(2)
+    ]
+    plan = Plan(Clip(KEYS, 5, 6), [Piece("a" * 64, 5, 6, 100_000, 1)])
+    with pytest.raises(SourceError, match="all that one vehicle may have"):
+        held._clips.check_share(staying[0], plan, staying)
+    other = replace(staying[0], clip=Clip(StreamKeys("car-8", "roof"), 5, 6))
+    held._clips.check_share(other, plan, staying)
+    held._clips.check_share(replace(staying[0], stays=False), plan, staying)
 
 
 async def test_viewers_get_clips_that_are_here_and_begin_nothing(serving, keeping):

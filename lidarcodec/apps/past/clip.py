@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from lidarcodec import wire
 from lidarcodec.apps.past.plan import Plan
@@ -12,6 +12,9 @@ from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.pieces import messages_in
+
+STEP_NS: Final = 2 * 10**9
+"""A clock may be set by so much within a piece."""
 
 
 class Written(NamedTuple):
@@ -34,8 +37,11 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> Written:
             for piece in plan.there:
                 try:
                     for message in messages_in(store.read(piece.name)):
+                        read = wire.unpack(message)
+                        if not piece.begin_ns - STEP_NS <= read.stamp_ns <= piece.end_ns + STEP_NS:
+                            raise SourceError("the vehicle kept messages of another time than it listed")
                         writer.write(message)
-                        frames += wire.peek(message).frame_count
+                        frames += read.frame_count
                 except DecodeError as error:
                     raise SourceError(f"the vehicle kept something else than messages: {error}") from None
         return Written(file.tell(), frames)

@@ -29,6 +29,12 @@ logger = logging.getLogger(__name__)
 
 FRESH_S: Final = 5.0
 """How long the newest pieces are waited for, after the vehicle has told of no new ones."""
+GROWN_NS: Final = 10**9
+"""The vehicle has recorded more when the end of its newest piece is so much later."""
+STUCK_S: Final = 60.0
+"""Longest time in which a vehicle may answer without bringing the fetch on."""
+LEAST_PART: Final = 1024
+"""A shorter part of a piece does not bring the fetch on, unless less was asked for."""
 MAX_LIST_BYTES: Final = 1 << 20
 MAX_WRONG: Final = 3
 """Most times that a piece may come with the wrong bytes."""
@@ -57,7 +63,7 @@ class Fetch:
         self._transport, self._patience_s = transport, patience_s
         self.plan = Plan.read(plan_file, clip)
         self._stop = threading.Event()
-        self._moved_s = time.monotonic()
+        self._moved_s = self._gained_s = time.monotonic()
         self._parts = PartSize()
         self.received = 0
         self.waiting: str | None = None
@@ -91,7 +97,7 @@ class Fetch:
         Raises SourceError if the vehicle kept nothing of the clip, SilentError if it does not answer for `patience_s`,
         CancelledError, and what `listed` raises.
         """
-        self._moved_s = time.monotonic()
+        self._moved_s = self._gained_s = time.monotonic()
         while not self.plan.listed:
             self._list()
         listed(self.plan)
@@ -106,7 +112,7 @@ class Fetch:
     def _list(self) -> None:
         """Ask for all pieces, and wait for those that are being recorded."""
         clip, at_ns, fresh_s = self.clip, self.clip.from_ns, time.monotonic()
-        until_before = -1
+        until_before, idle = -1, 0
         while True:
             told = self._ask_object({"ask": "pieces", "from": at_ns, "to": clip.to_ns})
             pieces, until_ns = told.get("pieces"), told.get("until_ns")
@@ -114,14 +120,20 @@ class Fetch:
                 raise SourceError("the vehicle's list of pieces makes no sense")
             if self.plan.add(pieces):
                 self.plan.store(self._plan_file)
+                self._gained_s, idle = time.monotonic(), 0
+            else:
+                idle += 1
             if told.get("more") is True and pieces:
+                if idle > 1:  # the first one may be known from before
+                    raise SourceError("the vehicle's list of pieces has no end")
                 last = self.plan.pieces[-1] if self.plan.pieces else None
                 at_ns = max(at_ns + 1, last.begin_ns + 1 if last is not None else 0)
                 self._check_going()
                 continue
             until = until_ns if isinstance(until_ns, int) and not isinstance(until_ns, bool) else -1
-            if until > until_before:
+            if until >= until_before + GROWN_NS:
                 until_before, fresh_s = until, time.monotonic()
+                self._gained_s = fresh_s
             if until >= clip.to_ns or time.monotonic() - fresh_s > FRESH_S:
                 break
             self.waiting = "for the vehicle to record the rest"
@@ -174,6 +186,8 @@ class Fetch:
             waited_s = HEAD.unpack_from(answer)[1] / 1e6
             self._parts.took(size, max(0.0, took_s - waited_s))
         self.received += len(answer)
+        if len(answer) >= HEAD.size + min(LEAST_PART, size):
+            self._gained_s = time.monotonic()
         return answer[HEAD.size :]
 
     # --- questions --------------------------------------------------------------------------------------------------
@@ -205,7 +219,7 @@ class Fetch:
         self._check_going()
 
     def _check_going(self) -> None:
-        """Raises CancelledError, and SourceError if nothing came for too long."""
+        """Raises CancelledError, and SourceError if nothing, or nothing new, came for too long."""
         if self._stop.is_set():
             raise CancelledError("the fetch was cancelled")
         if time.monotonic() - self._moved_s > self._patience_s:
@@ -213,6 +227,8 @@ class Fetch:
                 f"{self.clip.keys.vehicle}/{self.clip.keys.sensor} did not answer for {self._patience_s:g} s: "
                 "is it connected, and does it publish with --keep?"
             )
+        if time.monotonic() - self._gained_s > max(STUCK_S, self._patience_s):
+            raise SourceError("the vehicle answers, but has sent nothing new for too long")
 
 
 def _object(answer: bytes) -> dict[str, Any]:

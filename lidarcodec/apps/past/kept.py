@@ -106,11 +106,11 @@ class Kept:
         """The first pieces of a span, in order of time, and whether there are more."""
         found: list[Piece] = []
         for path, span in sorted(self._files(), key=lambda one: one[1].begin_ns):
-            if span.begin_ns >= to_ns or (found and len(found) > MAX_PIECES and span.begin_ns > found[-1].begin_ns):
+            if span.begin_ns >= to_ns or (len(found) > MAX_PIECES and span.begin_ns > found[MAX_PIECES].begin_ns):
                 break
             if span.end_ns + GAP_NS >= from_ns:  # the last frame goes on after its stamp
                 found += [one for one in self._pieces_of(path) if one.overlaps(from_ns, to_ns)]
-        found.sort(key=lambda one: (one.begin_ns, one.name))
+                found.sort(key=lambda one: (one.begin_ns, one.name))
         return found[:MAX_PIECES], len(found) > MAX_PIECES
 
     def until_ns(self) -> int | None:

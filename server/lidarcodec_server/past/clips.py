@@ -33,6 +33,8 @@ State = Literal["running", "complete", "failed", "cancelled"]
 ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
 MAX_ABOUT: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
+SHARES: Final = 4
+"""The clips of marks of one vehicle, which are not deleted to make room, may take so small a part of all."""
 MAX_GAPS: Final = 64
 """Most gaps that are told of a clip."""
 
@@ -177,6 +179,16 @@ class Clips:
                 logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
         if total + needed > self.max_bytes:
             raise SourceError(f"the clip does not fit: all clips together may take {self.max_bytes // 2**20} MiB")
+
+    def check_share(self, record: Record, plan: Plan, done: list[Record]) -> None:
+        """Raises SourceError if a clip that stays would take more than one vehicle may have of the room for all."""
+        vehicle = record.clip.keys.vehicle
+        staying = sum(one.size for one in done if one.stays and one.clip.keys.vehicle == vehicle)
+        if record.stays and staying + sum(piece.size for piece in plan.there) > self.max_bytes // SHARES:
+            raise SourceError(
+                f"the clips of marks of {vehicle} take all that one vehicle may have, a quarter of the room for clips: "
+                "cancel some of them"
+            )
 
     def _here(self, piece: Piece) -> int:
         """Bytes of a piece that are in the folder already."""

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +29,9 @@ logger = logging.getLogger(__name__)
 RUNNING: Final = 4
 """Most fetches at once."""
 MAX_WAITING: Final = 64
+OF_MARK: Final = "mark "
+MAX_OF_MARKS, MAX_OF_VEHICLE = 48, 8
+"""Most fetches of marks that wait, of all vehicles and of one: the others are for people, and for other vehicles."""
 MAX_ENDED: Final = 1000
 """Most fetches that ended and are remembered; the oldest without a clip are forgotten."""
 TURN_S: Final = 20.0
@@ -138,7 +142,8 @@ class Fetches:
     def begin(self, clip: Clip, by: str, *, stays: bool = False) -> Record:
         """Fetch a clip, unless it is being fetched already.
 
-        stays: whether the clip is not deleted to make room
+        stays: whether the clip is not deleted to make room;  by: begins with OF_MARK if a vehicle told of it, and
+        nobody asked
         Raises TooManyFetchesError, SourceError if the folder cannot be written.
         """
         with self._beginning:
@@ -147,12 +152,22 @@ class Fetches:
                 return (self.keep(clip) or found) if stays else found
             if len(self._jobs) >= MAX_WAITING:
                 raise TooManyFetchesError(f"{MAX_WAITING} fetches are waiting, which is the limit: cancel one first")
+            if by.startswith(OF_MARK):
+                self._check_places(clip)
             record = self._clips.create(clip, by, time.time_ns(), stays=stays)
             with self._wake:
                 self._jobs[record.id] = self._job(record)
                 self._wake.notify()
         logger.info("%s: fetching %s for %s", clip.keys.prefix, record.id, by)
         return record
+
+    def _check_places(self, clip: Clip) -> None:
+        """Raises TooManyFetchesError if vehicles, or this one, have all places that are for what they tell of."""
+        with self._wake:
+            of_marks = [job.record for job in self._jobs.values() if job.record.by.startswith(OF_MARK)]
+            vehicles = [record.clip.keys.vehicle for record in of_marks]
+        if len(vehicles) >= MAX_OF_MARKS or vehicles.count(clip.keys.vehicle) >= MAX_OF_VEHICLE:
+            raise TooManyFetchesError("too many clips of marks are waiting already")
 
     def keep(self, clip: Clip) -> Record | None:
         """Never delete a clip to make room, whether it is here or on its way. Returns its fetch, None if there is none.
@@ -246,7 +261,7 @@ class Fetches:
     def _run(self, job: _Job) -> None:
         before = job.fetch.received
         try:
-            plan = job.fetch.run(self._prepare)
+            plan = job.fetch.run(partial(self._prepare, job))
             with self._disk:
                 size = self._assemble(job, plan)
             self._end(job, "complete", None, size, few(plan.gaps()))
@@ -265,12 +280,13 @@ class Fetches:
         except BaseException as error:  # a panic of native code is not an Exception
             self._end(job, "failed", str(told(error)))
 
-    def _prepare(self, plan: Plan) -> None:
+    def _prepare(self, job: _Job, plan: Plan) -> None:
         """The pieces of a clip are known: make room, and take what is here already."""
         with self._disk:
             with self._wake:
                 done = [record for record in self._ended.values() if record.state == "complete"]
                 plans = [job.fetch.plan for job in self._jobs.values() if job.running]
+            self._clips.check_share(job.record, plan, done)
             self._clips.take_from_clips(plan, done)
             others = [one for one in plans if one is not plan and one.listed]
             self._clips.make_room([plan, *others], done, self._forget)

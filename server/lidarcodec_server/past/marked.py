@@ -17,7 +17,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 from lidarcodec_server.fleet.fleet import Fleet
 from lidarcodec_server.limits import SparseLog
-from lidarcodec_server.past.fetches import Fetches
+from lidarcodec_server.past.fetches import OF_MARK, Fetches
 
 logger = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ class Marked:
         for mark in told[:MAX_MARKS]:
             clip = _clip_of(keys, mark)
             if clip is not None and clip not in known:
-                self._fetches.begin(clip, f"mark {mark['name']}", stays=True)
+                self._fetches.begin(clip, f"{OF_MARK}{mark['name']}", stays=True)
             elif clip is not None:
                 self._fetches.keep(clip)
 

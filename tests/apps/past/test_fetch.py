@@ -6,6 +6,7 @@ import json
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +228,42 @@ def test_answers_that_make_no_sense_end_it(
 def test_a_vehicle_that_does_not_answer_is_given_up_after_a_while(tmp_path: Path, near: MemoryTransport) -> None:
     with pytest.raises(SourceError, match=r"did not answer for 0\.2 s"):
         fetching(tmp_path, near, patience_s=0.2).run()
+
+
+@pytest.mark.parametrize("grows", [False, True], ids=["the same", "a newest one that creeps"])
+def test_a_list_that_never_ends_ends_the_fetch(
+    tmp_path: Path, network: MemoryNetwork, near: MemoryTransport, monkeypatch: pytest.MonkeyPatch, grows: bool
+) -> None:
+    """A vehicle could keep one of the places of a server for good."""
+    monkeypatch.setattr(fetch, "STUCK_S", 0.2)
+    monkeypatch.setattr(Fetch, "_pause", lambda one, seconds: one._check_going())
+    piece = {"name": "a" * 64, "begin_ns": at(6), "end_ns": at(7), "size": 9, "frames": 1}
+    asked = count()
+
+    def answer(data: bytes) -> bytes:
+        return json.dumps({"pieces": [piece], "more": not grows, "until_ns": next(asked)}).encode()
+
+    network.transport().answer(KEYS.past, answer)
+    with pytest.raises(SourceError, match=r"has no end|nothing new for too long|refuses"):
+        fetching(tmp_path, near, patience_s=0.1).run()
+
+
+def test_parts_of_a_byte_end_it(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fetch, "STUCK_S", 0.2)
+    vehicle.spoils = lambda answer: answer[: HEAD.size + 1] if answer[0] == PART else answer
+    with pytest.raises(SourceError, match="nothing new for too long"):
+        fetching(tmp_path, near, patience_s=0.2).run()
+
+
+def test_messages_of_another_time_than_listed_are_no_clip(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    plan = fetching(tmp_path, near).run()
+    plan.pieces = [piece._replace(begin_ns=at(1000), end_ns=at(1010)) for piece in plan.pieces]
+    with pytest.raises(SourceError, match="messages of another time"):
+        write_clip(plan, PieceStore(tmp_path), tmp_path / "clip.mcap")
 
 
 def test_a_clip_counts_the_frames_that_it_holds_whatever_the_vehicle_had_listed(

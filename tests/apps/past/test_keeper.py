@@ -16,7 +16,10 @@ from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
 from lidarcodec.recording.rotation import recorded_files
 from tests.apps.past.kept_drive import KEYS, SMALL, at, big, feed, frames, kept, packets, ring
+from tests.recording.test_recording import message
 from tests.transport.test_contract import eventually
+
+HOUR_NS = 3600 * 10**9
 
 
 def files(folder: Path) -> list[Path]:
@@ -49,6 +52,29 @@ def test_the_oldest_files_go_first_and_the_ring_never_exceeds_its_size(tmp_path:
     assert keeper.state()["counts"]["deleted files"] > 10
     ((begin_ns, end_ns),) = keeper.kept.spans()
     assert at(100) < begin_ns < end_ns == at(199)
+
+
+def with_clock_set_back(folder: Path, before: int) -> Kept:
+    """A ring of 20 frames, after `before` of which the clock was set back by an hour."""
+    recorder = Keeper(Keep(folder, SMALL), KEYS)._files
+    for number in range(20):
+        back_ns = HOUR_NS if number >= before else 0
+        assert recorder.write(message(number, number in (0, before), stamp_ns=at(number) - back_ns))
+    recorder.close()
+    return Kept(folder, KEYS, SMALL)
+
+
+@pytest.mark.parametrize("before", [4, 12])
+def test_what_came_after_the_clock_was_set_back_is_found_and_marked(tmp_path: Path, before: int) -> None:
+    """It was in no list, and a mark on it protected nothing."""
+    kept = with_clock_set_back(tmp_path, before)
+    for back_ns, first in ((0, 0), (HOUR_NS, before)):
+        (piece,), _ = kept.pieces(at(0) - back_ns, at(30) - back_ns)
+        assert piece.begin_ns == at(first) - back_ns
+        assert len(kept.part(piece.name, piece.begin_ns, 0, 10)) == 10
+    kept.marks.add(Mark("crash", at(before + 2) - HOUR_NS, at(before + 5) - HOUR_NS, "airbag", "test", at(0)))
+    staying = [kept.stays(path) for path in files(tmp_path)]
+    assert sorted(staying) == ([False, True] if before > 10 else [True])
 
 
 def test_a_marked_span_stays_when_everything_around_it_is_overwritten(tmp_path: Path) -> None:
