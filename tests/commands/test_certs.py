@@ -113,6 +113,8 @@ def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
         ({"routers": ["a"], "vehicles": ["playback-1"]}, "are reserved for playbacks"),
         ({"routers": ["a"], "vehicles": ["car 7"]}, "is not a valid name"),
         ({"routers": ["a b"]}, "is not a host"),
+        ({"routers": ["::1"]}, "a name that stands for it"),
+        ({"vehicles": ["car-7@fe80::1"]}, "a name that stands for it"),
         ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out"),
         ({"viewers": ["anna@b"], "routers": ["a"]}, "only vehicles listen"),
         ({"routers": ["a"], "remove": ["nobody"]}, "no such name"),

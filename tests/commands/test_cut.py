@@ -70,6 +70,23 @@ def test_packets_and_the_calibration_beside_them_are_copied(drive, tmp_path):
     assert (tmp_path / "a_db.xml").read_bytes() == (drive / "drive_db.xml").read_bytes()
 
 
+@pytest.mark.parametrize("command", ["cut", "convert"])
+def test_a_packet_with_a_wrong_time_ends_no_part(drive, tmp_path, command):
+    """All that came after it was left out, without a word, with exit code 0."""
+    data = bytearray((drive / "drive.pcap").read_bytes())
+    size = 16 + int.from_bytes(data[24 + 8 : 24 + 12], "little")
+    at = 24 + 600 * size
+    data[at : at + 4] = (int.from_bytes(data[at : at + 4], "little") + 3600).to_bytes(4, "little")
+    (tmp_path / "odd.pcap").write_bytes(data)
+    span = ("--from", "0.05", "--to", "0.5")
+    sizes = []
+    for name, source in (("a", drive / "drive.pcap"), ("b", tmp_path / "odd.pcap")):
+        done = run_here(command, source, tmp_path / f"{name}.pcap", *span)
+        assert done.returncode == 0, done.stderr
+        sizes.append((tmp_path / f"{name}.pcap").stat().st_size)
+    assert sizes[0] - sizes[1] == size
+
+
 def test_recorded_packets_are_cut_by_time(drive, tmp_path):
     assert run_here("convert", drive / "drive.pcap", tmp_path / "bare.mcap", "--as", "packets").returncode == 0
     assert cut(tmp_path / "bare.mcap", tmp_path / "a.mcap", "--from", "0.15")["messages"] >= 6

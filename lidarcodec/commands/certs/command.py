@@ -233,7 +233,13 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
 
 def _host(text: str) -> str:
     try:
-        return str(ipaddress.ip_address(text))
+        address = ipaddress.ip_address(text)
+        if address.version == 6:
+            raise SettingsError(
+                f"{text}: Zenoh does not check certificates of IPv6 addresses, so nobody could connect: give a name "
+                "that stands for it"
+            )
+        return str(address)
     except ValueError:
         if not _HOST.fullmatch(text):
             raise SettingsError(f"'{text}' is not a host: write a name or an IP address") from None

@@ -53,7 +53,7 @@ def _numbered(wanted: Cut, timed: Iterator[_Timed]) -> Iterator[tuple[int, _Time
     """Each record with the number of its part. A record with an earlier time than one before it stays in its part."""
     first_ns: int | None = None
     number = 0
-    for record in wanted.selection.in_time(timed):
+    for record in wanted.selection.in_time(timed, whole=True):
         first_ns = record.stamp_ns if first_ns is None else first_ns
         if wanted.every_ns is not None:
             number = max(number, (record.stamp_ns - first_ns) // wanted.every_ns)

@@ -146,7 +146,8 @@ class _Counted(NamedTuple):
 def _chosen(units: Sequence[Unit], selection: Selection) -> Iterator[tuple[int, Unit]]:
     """Units with a wanted frame. A unit of several frames is taken whole."""
     passed = 0
-    for one in selection.in_time(_Counted(unit.stamp_ns, number) for number, unit in enumerate(units)):
+    stamped = (_Counted(unit.stamp_ns, number) for number, unit in enumerate(units))
+    for one in selection.in_time(stamped, whole=True):
         unit = units[one.number]
         after = passed + unit.frames
         if selection.frames is not None and passed >= selection.skip + selection.frames:

@@ -32,6 +32,7 @@ class Stamped(Protocol):
 
 
 Item = TypeVar("Item", bound=Stamped)
+AFTER_NS: Final = 2 * 10**9
 
 
 def time_of(text: str, begin_ns: int) -> int:
@@ -77,8 +78,12 @@ class Selection:
         """Whether a time was given."""
         return self.begin is not None or self.end is not None
 
-    def in_time(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Items from `begin` on and before `end`. They come in the order of their times, or nearly so."""
+    def in_time(self, items: Iterable[Item], *, whole: bool = False) -> Iterator[Item]:
+        """Items from `begin` on and before `end`. They come in the order of their times, or nearly so.
+
+        whole: whether to read all of them. Otherwise they end behind AFTER_NS of items that are later than `end`: a
+        single wrong time does not end them
+        """
         self.span.clear()
         rest = iter(items)
         first = next(rest, None)
@@ -87,10 +92,15 @@ class Selection:
         begin_ns = None if self.begin is None else time_of(self.begin, first.stamp_ns)
         end_ns = None if self.end is None else time_of(self.end, first.stamp_ns)
         last_ns = first.stamp_ns
+        after_ns: int | None = None  # first of the items in a row that are later than the end
         for item in chain((first,), rest):
             last_ns = max(last_ns, item.stamp_ns)
             if end_ns is not None and item.stamp_ns >= end_ns:
-                return
+                after_ns = item.stamp_ns if after_ns is None else after_ns
+                if not whole and item.stamp_ns - after_ns >= AFTER_NS:
+                    return
+                continue
+            after_ns = None
             if begin_ns is None or item.stamp_ns >= begin_ns:
                 yield item
         self.span.extend((first.stamp_ns, last_ns))
