@@ -1,9 +1,9 @@
 """Permissions on the keys of a stream, as rules for Zenoh's access control.
 
 A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
-reports under its own name only. An operator is a viewer who may also change settings, fetch and mark what a vehicle
-kept, play recordings as vehicles named `playback-...`, and serve maps. Everybody may ask for maps. What is not allowed
-is denied.
+reports under its own name only. An operator is a viewer who may also change settings, say where a sensor is (`pose`),
+fetch and mark what a vehicle kept, play recordings as vehicles named `playback-...`, and serve maps. Everybody may ask
+for maps. What is not allowed is denied.
 
 Two properties of that access control determine these rules. It works on links, so the side that accepts connections
 has the rules: routers, and vehicles that listen themselves. Clients of such vehicles have rules too (`vehicles_only`),
@@ -100,8 +100,9 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.allow(["operators"], *_asking(["control/set", "control/reset", "past", "past/mark"]), *serving)
     made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
+        reports = ("arrived", "refined", "report", *(["pose"] if name in people.operators else []))
         made.subject(f"receiver {name}", [name])
-        made.allow([f"receiver {name}"], *_reporting(name))
+        made.allow([f"receiver {name}"], *_reporting(name, reports))
     return made.whole()
 
 
@@ -165,9 +166,9 @@ def _asking_for(keys: list[str]) -> tuple[tuple[list[str], list[str], list[str]]
     return (["query"], ["ingress"], keys), (["declare_queryable", "reply"], ["egress"], keys)
 
 
-def _reporting(name: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
+def _reporting(name: str, reports: tuple[str, ...]) -> tuple[tuple[list[str], list[str], list[str]], ...]:
     """Rules for the reports of a receiver, under its own name."""
     return (
-        (PUTTING, ["ingress"], _under(ANY, *(f"{key}/{name}" for key in ("arrived", "refined", "report", "pose")))),
+        (PUTTING, ["ingress"], _under(ANY, *(f"{key}/{name}" for key in reports))),
         (["liveliness_token"], ["ingress"], _under(ANY, f"arrived/{name}")),
     )

@@ -219,8 +219,15 @@ def test_a_recording_of_which_a_part_is_gone_is_no_success(tmp_path, recording, 
     data = bytearray(recording.read_bytes())
     data[len(data) // 2] ^= 0xFF
     (tmp_path / "hurt.mcap").write_bytes(data)
-    with pytest.raises(SourceError, match=r"damaged or cut, .*; [1-3] frames were passed on"):
+    with pytest.raises(SourceError, match=r"input is damaged, .*; [1-3] frames were passed on"):
         piped(None, tmp_path / "out", form, spec=str(tmp_path / "hurt.mcap"))
+
+
+def test_a_capture_that_is_damaged_is_no_success(tmp_path, capture):
+    """As two of them are, one behind the other. The frames of the first were passed on, and the exit code was 0."""
+    (tmp_path / "two.pcap").write_bytes(capture.read_bytes() * 2)
+    with pytest.raises(SourceError, match="input is damaged"):
+        piped(tmp_path / "two.pcap", tmp_path / "out", "pcap")
 
 
 def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):

@@ -98,14 +98,14 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
     car.listen(CAR.report(), lambda key, data: heard.append(data))
     car.listen(CAR.refined(), lambda key, data: heard.append(data))
     car.listen(CAR.pose(), lambda key, data: heard.append(data))
-    olga.listen(CAR.pose(), lambda key, data: heard.append(b"pose for olga"))
+    anna.listen(CAR.pose(), lambda key, data: heard.append(b"pose for anna"))
     anna.listen(CAR.odometry, lambda key, data: heard.append(data))
     token = car.token(CAR.alive)
     frames, status = car.sender(CAR.frame, Priority.FRAMES), car.sender(CAR.status, Priority.STATUS)
     arrived = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
     report = anna.sender(CAR.report("anna"), Priority.STATUS)
     refine, refined = car.sender(CAR.refine(3), Priority.BESIDE), anna.sender(CAR.refined("anna"), Priority.REAL_TIME)
-    pose, odometry = anna.sender(CAR.pose("anna"), Priority.STATUS), car.sender(CAR.odometry, Priority.STATUS)
+    pose, odometry = olga.sender(CAR.pose("olga"), Priority.STATUS), car.sender(CAR.odometry, Priority.STATUS)
     anna.token(CAR.arrived("anna"))
     for sender, data in (
         (frames, b"frame"), (status, b"status"), (arrived, b"arrived"), (report, b"report"), (pose, b"pose"),
@@ -114,10 +114,10 @@ def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
         assert eventually(lambda sender=sender: sender.matching), data
         arrived = {
             b"frame": lambda: inbox.receive_now() == b"frame",
-            b"pose": lambda: {b"pose", b"pose for olga"} <= set(heard),
+            b"pose": lambda: {b"pose", b"pose for anna"} <= set(heard),
         }
         assert comes(sender, data, arrived.get(data, lambda data=data: data in heard)), (data, heard)
-    told = {b"status", b"arrived", b"report", b"pose", b"pose for olga", b"odometry", b"sector", b"refined"}
+    told = {b"status", b"arrived", b"report", b"pose", b"pose for anna", b"odometry", b"sector", b"refined"}
     assert set(heard) == told
     assert eventually(lambda: receivers == [CAR.arrived("anna")])
     assert eventually(lambda: seen == [(CAR.alive, True)])
@@ -182,6 +182,7 @@ def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
         CAR.arrived("ben"),
         CAR.report("ben"),
         CAR.pose("ben"),
+        CAR.pose("anna"),
         CAR.odometry,
         CAR.arrived("server"),
     ):

@@ -114,14 +114,14 @@ class Kept:
         return found[:MAX_PIECES], len(found) > MAX_PIECES
 
     def until_ns(self) -> int | None:
-        """End of the newest complete piece; None if there is none."""
-        growing, ends = self.growing, []
-        for path, span in self._files():
-            if path == growing:
-                ends += [piece.end_ns for piece in self._pieces_of(path)[-1:]]
-            else:
-                ends.append(span.end_ns)
-        return max(ends, default=None)
+        """End of the newest complete piece; None if there is none.
+
+        Other files may be of a later time, from before the clock was set back: then the rest of a clip is yet to come.
+        """
+        growing = self.growing
+        if growing is not None and (pieces := self._pieces_of(growing)):
+            return pieces[-1].end_ns
+        return max((span.end_ns for path, span in self._files() if path != growing), default=None)
 
     def part(self, name: str, at_ns: int, offset: int, size: int) -> bytes:
         """A part of a piece. at_ns: a time in it

@@ -58,8 +58,8 @@ class Plan:
         Raises SourceError for an answer that makes no sense.
         """
         known = {piece.name for piece in self.pieces}
-        fresh = [piece for piece in map(piece_of, told) if piece.name not in known]
-        fresh = [piece for piece in fresh if piece.overlaps(self.clip.from_ns, self.clip.to_ns)]
+        named = {piece.name: piece for piece in map(piece_of, told) if piece.name not in known}  # each name once
+        fresh = [piece for piece in named.values() if piece.overlaps(self.clip.from_ns, self.clip.to_ns)]
         if len(known) + len(fresh) > MAX_PIECES:
             raise SourceError(f"the clip has more than {MAX_PIECES} pieces: fetch a shorter one")
         self.pieces = sorted((*self.pieces, *fresh), key=lambda one: (one.begin_ns, one.name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -37,9 +38,11 @@ from lidarcodec.maps.served.sources import NetworkTiles, StoppedFetchError
 from lidarcodec.settings import is_name
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES
-from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport import Endpoints, Transport, open_transport, party_of
 from lidarcodec.transport.base import Priority, Sender
 from lidarcodec.transport.keys import PREFIX, StreamKeys
+
+log = logging.getLogger(__name__)
 
 ENDINGS: Final = (".pcap", ".pcapng", ".mcap", ".xz", ".zst", ".bin", ".bag", ".db3")
 """Endings of files: a name that ends so is no stream."""
@@ -157,6 +160,9 @@ def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: G
     """Track a live stream until a signal arrives, `frames` scans have come, or, with `until_end`, it has ended."""
     asked.check()
     endpoints, keys, stop = endpoints_of(given), StreamKeys.parse(key), threading.Event()
+    party = party_of(endpoints)
+    if party is not None and party.role == "viewer":
+        log.warning("poses reach nobody on the network: %s is a viewer, and only operators may send them", party.name)
     summary: dict[str, Any] | None = None
     with (
         stoppable(stop.set) as stopped,

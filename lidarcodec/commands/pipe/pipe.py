@@ -49,7 +49,8 @@ Stop = Callable[[], bool]
 class _Done:
     """Counts of what went through.
 
-    lost: messages or frames that could not be passed on;  damaged: places where the recording that is read is damaged
+    lost: messages or frames that could not be passed on;  damaged: places where the input is
+        damaged, or a recording cut
     points: None where none are written
     second: second returns left out of the points
     """
@@ -142,6 +143,7 @@ def run(
             out.flush()
             if feed.source is not None:
                 say_unkept(feed.source.label, feed.source.counts)
+                done.damaged = feed.source.counts["damaged"]
                 done.lost += feed.source.counts["undecoded messages"] + feed.source.counts["missing references"]
             if feed.recording is not None:
                 done.damaged = feed.recording.counts["damaged"] + feed.recording.counts["cut"]
@@ -169,7 +171,7 @@ def run(
 def _lacking(done: _Done) -> str:
     lacking = [f"{done.lost} messages or frames could not be passed on"] if done.lost else []
     if done.damaged:
-        lacking.append("the recording is damaged or cut, and what it has lost is missing")
+        lacking.append("the input is damaged, or a recording that was cut, and what it has lost is missing")
     return f"{'; '.join(lacking)}; {done.frames} frames were passed on"
 
 

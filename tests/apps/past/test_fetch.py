@@ -19,7 +19,7 @@ from lidarcodec.apps.past.answers import HEAD, PART, Answers, Link
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
 from lidarcodec.apps.past.kept import Kept
-from lidarcodec.apps.past.plan import Clip
+from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.transport import asking, part_size
@@ -246,6 +246,13 @@ def test_a_list_that_never_ends_ends_the_fetch(
     network.transport().answer(KEYS.past, answer)
     with pytest.raises(SourceError, match=r"has no end|nothing new for too long|refuses"):
         fetching(tmp_path, near, patience_s=0.1).run()
+
+
+def test_a_piece_that_is_listed_twice_is_in_the_clip_once() -> None:
+    """A vehicle could fill a disk with a piece that it sent once."""
+    plan = Plan(CLIP)
+    piece = {"name": "a" * 64, "begin_ns": at(6), "end_ns": at(7), "size": 9, "frames": 1}
+    assert (plan.add([piece] * 3), plan.add([piece]), len(plan.pieces)) == (1, 0, 1)
 
 
 def test_parts_of_a_byte_end_it(

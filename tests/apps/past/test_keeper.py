@@ -72,6 +72,9 @@ def test_what_came_after_the_clock_was_set_back_is_found_and_marked(tmp_path: Pa
         (piece,), _ = kept.pieces(at(0) - back_ns, at(30) - back_ns)
         assert piece.begin_ns == at(first) - back_ns
         assert len(kept.part(piece.name, piece.begin_ns, 0, 10)) == 10
+    kept.growing = max(files(tmp_path), key=lambda path: path.stat().st_mtime_ns)
+    assert before < 10 or kept.until_ns() < at(0), "so the rest of a clip is waited for"
+    kept.growing = None
     kept.marks.add(Mark("crash", at(before + 2) - HOUR_NS, at(before + 5) - HOUR_NS, "airbag", "test", at(0)))
     staying = [kept.stays(path) for path in files(tmp_path)]
     assert sorted(staying) == ([False, True] if before > 10 else [True])
