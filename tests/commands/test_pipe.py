@@ -265,6 +265,14 @@ def test_options_of_packets_are_refused_for_messages(tmp_path, recording):
     assert (tmp_path / "out").read_bytes() == b""
 
 
+def test_a_closed_standard_output_is_no_success(recording):
+    """`pipe ... >&-` wrote all of it to nowhere, with exit code 0."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    with pytest.raises(SettingsError, match="standard output is closed"):
+        run(str(recording), "pcap", None, [], None, None, None, as_json=False, standard=(0, nowhere))
+    os.close(nowhere)
+
+
 def test_a_reader_that_goes_away_is_said(recording):
     read, write = os.pipe()
     os.close(read)

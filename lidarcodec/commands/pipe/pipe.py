@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import logging
 import os
+import stat
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -182,8 +184,16 @@ def _check(spec: str, form: str, recodes: bool, standard: tuple[int, int]) -> No
         raise SettingsError(f"--codec and --set are for messages: {form} has none", "codec")
     if os.isatty(standard[1]):
         raise SettingsError("standard output is a terminal: pipe it into a program or a file", "to")
+    if _is_nowhere(standard[1]):
+        raise SettingsError("standard output is closed: pipe it into a program or a file", "to")
     if spec == STANDARD and os.isatty(standard[0]):
         raise SettingsError(f"{inputs.NAME} is a terminal: pipe a capture or messages into it, or name a SOURCE")
+
+
+def _is_nowhere(descriptor: int) -> bool:
+    """Whether standard output was closed (`>&-`): the null device, open for reading and writing, is in its place."""
+    about, access = os.fstat(descriptor), fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE
+    return access == os.O_RDWR and stat.S_ISCHR(about.st_mode) and about.st_rdev == Path(os.devnull).stat().st_rdev
 
 
 @contextlib.contextmanager
