@@ -14,6 +14,7 @@ HDL-32E, VLP-16, VLP-32C and VLS-128 user manuals, section "factory bytes".
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 
@@ -26,6 +27,8 @@ from lidarcodec.sensors.hdl64 import PACKET_DTYPE
 from lidarcodec.sensors.models.ouster.sensor import bare_sensor_of
 from lidarcodec.sensors.models.table import OUSTERS, PACKETS, Detected, detect, sensor_named
 from lidarcodec.units import PACKET_BYTES, POSITION_BYTES, UPPER_FLAG
+
+logger = logging.getLogger(__name__)
 
 HDL64 = "HDL-64E"
 RETURN_MODES = frozenset({0x37, 0x38, 0x39})
@@ -81,6 +84,22 @@ def another_than(model: str, payloads: Sequence[bytes]) -> str | None:
     if found is None:
         return None if takes(model, payloads) else "no packet fits"
     return None if found.model == model else found.evidence
+
+
+def warn_if_another(model: str, payloads: Sequence[bytes], label: str) -> None:
+    """Log what shows that these payloads are of another model than the one that was named.
+
+    Raises UnknownNameError.
+    """
+    evidence = another_than(model, payloads)
+    if evidence is not None:
+        logger.warning(
+            "%s: --model says %s, but these are packets of another sensor (%s): points may be wrong or missing; "
+            "leave --model out, and the sensor is recognised",
+            label,
+            model,
+            evidence,
+        )
 
 
 def takes(model: str, payloads: Sequence[bytes]) -> bool:

@@ -148,7 +148,8 @@ def test_a_wrong_model_is_told_and_any_spelling_of_the_right_one_is_taken(tmp_pa
     for model in ("hdl64e", "vlp32c", "xt32"):  # without a word, points would be wrong, or none
         caplog.clear()
         open_source(f"{path}?model={model}").close()
-        assert f"VLP-16, strongest return), but are read as {model}" in caplog.text
+        assert f"--model says {model}, but these are packets of another sensor" in caplog.text
+        assert "VLP-16, strongest return)" in caplog.text
 
 
 def test_packets_of_another_model_than_the_named_one_come_back_too(tmp_path) -> None:
@@ -226,3 +227,17 @@ def test_a_ply_of_two_sensors_wraps_no_intensity(tmp_path, caplog):
     found = points["intensity"][points["frame"] == 1]
     assert np.array_equal(found, np.minimum(frames[1].cloud()["intensity"], 255))
     assert "from frame 1 on are clipped to 255" in caplog.text
+
+
+def test_names_and_the_sensor_of_a_recording_are_told(tmp_path) -> None:
+    path, recording, bare = made_capture(tmp_path, [VLP16] * 90), tmp_path / "out.mcap", tmp_path / "bare.mcap"
+    named = ("--vehicle", "car-7", "--sensor", "roof")
+    assert run_here("encode", path, recording, *named).returncode == 0
+    assert run_here("convert", path, bare, "--as", "packets", *named).returncode == 0
+    for one in (recording, bare):
+        told = json.loads(run_here("info", one, "--json").stdout)
+        assert (told["model"], told["rows"]) == ("vlp16", 16), "told by one message, or by the packets"
+        assert (told["metadata"]["vehicle"], told["metadata"]["sensor"]) == ("car-7", "roof")
+    done = run_here("convert", path, tmp_path / "out.pcap", "--sensor", "roof")
+    assert done.returncode == 2
+    assert "only for recordings" in done.stderr

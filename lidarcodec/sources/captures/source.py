@@ -216,7 +216,9 @@ def _choose(
         raise SourceError(f"{path} has no such stream; its streams are: {', '.join(map(_name, others))}")
     if not streams:
         raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
-    chosen, found = _recognised(sorted(streams, key=lambda one: -sum(map(len, streams[one]))), streams, model)
+    chosen, found = _recognised(
+        str(path), sorted(streams, key=lambda one: -sum(map(len, streams[one]))), streams, model
+    )
     if found is None:
         raise SourceError(f"{path} holds no packets of a known sensor{_seen(lengths)}; --model packets carries any "
                           "packets as they are")  # fmt: skip
@@ -232,20 +234,14 @@ def _choose(
 
 
 def _recognised(
-    wanted: list[Stream], streams: dict[Stream, list[bytes]], model: str | None
+    label: str, wanted: list[Stream], streams: dict[Stream, list[bytes]], model: str | None
 ) -> tuple[Stream, str | None]:
     """The first of these streams that is of the named model, or of a known one; None as its model: there is none."""
-    from lidarcodec.sensors.recognise import another_than, recognised, takes
+    from lidarcodec.sensors.recognise import recognised, takes, warn_if_another
 
     if model is not None:
         chosen = next((one for one in wanted if takes(model, streams[one])), wanted[0])
-        if (evidence := another_than(model, streams[chosen])) is not None:
-            logger.warning(
-                "these packets look like those of another sensor (%s), but are read as %s, because --model says so: "
-                "there may be no points, or wrong ones; packets are not affected",
-                evidence,
-                model,
-            )
+        warn_if_another(model, streams[chosen], label)
         return chosen, model
     for stream in wanted:
         found = recognised(streams[stream])

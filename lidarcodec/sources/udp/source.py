@@ -29,7 +29,7 @@ from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp.positions import listener_beside
 from lidarcodec.sources.udp.senders import Senders
 from lidarcodec.sources.udp.socket import open_socket
-from lidarcodec.sources.udp.watch import ModelWatch
+from lidarcodec.sources.udp.watch import ModelWatch, NamedModel
 from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
 
@@ -117,6 +117,7 @@ class UdpSource(PacketSource):
         """The sensor of the packets that come in now, and of those given last."""
         self._first: list[bytes] | None = None if model in (HDL64E, PACKETS) else []
         """First packets of the sender, until the model of its sensor is known."""
+        self._named = None if model in (None, PACKETS) else NamedModel(str(model), self.label)
         self._settled = False
         """Whether a sensor was found once: from then on no packets of another one end the source."""
         self._watch: ModelWatch | None = None
@@ -247,6 +248,8 @@ class UdpSource(PacketSource):
                     self._unknown = self._drop_unknown()
                     self._forget()
                 self._sender = sender
+            if self._named is not None:
+                self._named.push(payload)
             if self._first is None and self._watch is not None and self._watch.push(payload):
                 self._first = []
             if self._first is not None:

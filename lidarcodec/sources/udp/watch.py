@@ -7,6 +7,7 @@ from typing import Final
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.models.ouster.sensor import OusterSensor
 from lidarcodec.sensors.models.table import detect, sensor_of
+from lidarcodec.sensors.recognise import warn_if_another
 from lidarcodec.units import PACKET_BYTES
 
 LOOK_EVERY: Final = 16
@@ -16,6 +17,21 @@ ODD_IN_A_ROW: Final = 32
 PATIENCE: Final = 4
 """Each look that finds the same sensor again makes the next so many times rarer."""
 MOST_IN_A_ROW: Final = ODD_IN_A_ROW * PATIENCE**4
+
+
+class NamedModel:
+    """Warns once if the first packets look like those of another model than `--model` says."""
+
+    def __init__(self, model: str, label: str) -> None:
+        self._model, self._label = model, label
+        self._first: list[bytes] = []
+
+    def push(self, payload: bytes) -> None:
+        """Look at a packet."""
+        if len(self._first) < ODD_IN_A_ROW:
+            self._first.append(payload)
+            if len(self._first) == ODD_IN_A_ROW:
+                warn_if_another(self._model, self._first, self._label)
 
 
 class ModelWatch:
