@@ -16,7 +16,7 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError, TargetMissedError
-from lidarcodec.evaluation.coded_recording import CodedRecording
+from lidarcodec.evaluation.coded_recording import UNNAMED, CodedRecording, Named
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
@@ -44,6 +44,7 @@ def run(
     allow_missed: bool = False,
     as_json: bool = False,
     mounted: Mounted = NOT_SAID,
+    named: Named = UNNAMED,
 ) -> None:
     """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name.
 
@@ -85,7 +86,7 @@ def run(
         if first is None:
             raise SourceError(f"{spec} has {selection.nothing()}: nothing was encoded")
         with output.beside.open("wb") as handle, progress("encoding", frames) as tick:
-            coded = CodedRecording(handle, encoder, about, clouds=clouds)
+            coded = CodedRecording(handle, encoder, about, clouds=clouds, vehicle=named.vehicle, sensor=named.sensor)
             left_out = 0  # frames of another sensor, which took the place of the first one
             unfit: SettingsError | None = None
             for frame in chain((first,), chosen):

@@ -6,7 +6,7 @@ Each message is decoded again before it is written, and compared with the origin
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import IO
+from typing import IO, Final, NamedTuple
 
 from lidarcodec.evaluation.round_trip import RoundTrip, check_refined
 from lidarcodec.frame import Frame
@@ -16,10 +16,29 @@ from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
+from lidarcodec.settings import valid_name
 from lidarcodec.units import PACKET_INTERVAL_US, counted
 from lidarcodec.wire import pack
 
 VEHICLE, SENSOR = "vehicle", "lidar"
+
+
+class Named(NamedTuple):
+    """The names in a recording: of the vehicle, and of its sensor."""
+
+    vehicle: str = VEHICLE
+    sensor: str = SENSOR
+
+    @classmethod
+    def of(cls, vehicle: str | None, sensor: str | None) -> Named:
+        """From `--vehicle` and `--sensor`.
+
+        Raises SettingsError for a name that is not valid.
+        """
+        return cls(valid_name(vehicle or VEHICLE, "vehicle"), valid_name(sensor or SENSOR, "sensor"))
+
+
+UNNAMED: Final = Named()
 
 
 class CodedRecording:

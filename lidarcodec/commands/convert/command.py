@@ -25,6 +25,8 @@ from lidarcodec.commands.signatures.common import (
     Pairs,
     PosesFile,
     PosesOf,
+    RecordedSensor,
+    RecordedVehicle,
     SkipCount,
     Source,
     WithClouds,
@@ -65,6 +67,8 @@ def convert(
     transform: Transform = None,
     merge: Merge = False,
     returns: WhichReturns = "first",
+    vehicle: RecordedVehicle = None,
+    sensor: RecordedSensor = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     with_clouds: WithClouds = False,
@@ -105,8 +109,10 @@ def convert(
     from lidarcodec.commands.outputs.table import form_of
     from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.selection.points import Placing
+    from lidarcodec.evaluation.coded_recording import Named
     from lidarcodec.sources.mounts import Mounted
 
+    named = Named.of(vehicle, sensor)
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge, returns=returns)
     if form == messages.FORM:
@@ -115,21 +121,26 @@ def convert(
                             ("--with-clouds", with_clouds), (placing.given, placing.given), ("--model", model),
                             ("--mount", mount), ("--poses-of", poses_of), ("--allow-missed", allow_missed),
                             ("--connect", connect), ("--listen", listen),
-                            ("--zenoh-config", zenoh_config)):  # fmt: skip
+                            ("--zenoh-config", zenoh_config), ("--vehicle", vehicle),
+                            ("--sensor", sensor)):  # fmt: skip
             if other:
                 raise SettingsError(f"{name} is not for messages: a whole recording is copied as it is", "as")
         messages.run(spec, out, topic, frame_id, force=force, as_json=as_json)
         return
     kept = packet_form_of(out, form)
+    for name, text in (("--vehicle", vehicle), ("--sensor", sensor)):
+        if text and kept not in ("recording", "packets"):
+            raise SettingsError(f"{name} is only for recordings (.mcap): {out} cannot hold a name", name[2:])
     stream = source.removeprefix(STREAM)
-    sensor = stream.rpartition("/")[2] if stream != source else None
-    mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=sensor)
+    mounted_as = stream.rpartition("/")[2] if stream != source else sensor
+    mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=mounted_as)
     if kept is not None and stream != source:
         raise SettingsError(f"{source} gives points, not packets: `lidarcodec subscribe` has --record and --udp", "as")
     if kept is not None:
         if placing.given:
             raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
-        packets.run(spec, out, form=kept, codec=codec, pairs=pairs or [], selection=selection, calibration=calibration,
+        packets.run(spec, out, form=kept, named=named, codec=codec, pairs=pairs or [], selection=selection,
+                    calibration=calibration,
                     poses=poses, clouds=with_clouds, topic=topic, frame_id=frame_id, force=force,
                     allow_missed=allow_missed, as_json=as_json, mounted=mounted)  # fmt: skip
         return

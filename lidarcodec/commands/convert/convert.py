@@ -25,6 +25,7 @@ from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns, turns_of
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
+from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
@@ -58,13 +59,14 @@ def run(
     allow_missed: bool = False,
     as_json: bool = False,
     mounted: Mounted = NOT_SAID,
+    named: Named = UNNAMED,
 ) -> None:
     """Convert packet by packet. OUT appears when it is complete; after a signal the finished part has another name.
 
     A recording is like one of `encode`, with its framing; for other formats a frame is a turn.
     """
     frames, skip = selection.frames, selection.skip
-    wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id)
+    wanted = _wanted(out, form, codec, pairs, clouds, topic, frame_id, named)
     check_finite(spec, frames)
     if wanted.form == "recording":
         encode.run(
@@ -81,6 +83,7 @@ def run(
             allow_missed=allow_missed,
             as_json=as_json,
             mounted=mounted,
+            named=named,
         )
         return
     check_not_input(out, spec)
@@ -180,7 +183,14 @@ def _check_left_out(writer: Output, kept: Path) -> None:
 
 
 def _wanted(
-    out: Path, form: Form, codec: str | None, pairs: list[str], clouds: bool, topic: str | None, frame_id: str | None
+    out: Path,
+    form: Form,
+    codec: str | None,
+    pairs: list[str],
+    clouds: bool,
+    topic: str | None,
+    frame_id: str | None,
+    named: Named,
 ) -> Wanted:
     """Raises SettingsError for options that do not apply to the output format."""
     if form != "recording" and (codec or pairs):
@@ -190,7 +200,7 @@ def _wanted(
     if form != "rosbag" and (topic or frame_id):
         raise SettingsError(f"--topic and --frame-id are for rosbags, but {out} is not a rosbag", "topic")
     defaults = Wanted(form, clouds)
-    return Wanted(form, clouds, ros_topic(topic or defaults.topic), frame_id or defaults.frame_id)
+    return Wanted(form, clouds, ros_topic(topic or defaults.topic), frame_id or defaults.frame_id, named)
 
 
 def ros_topic(topic: str) -> str:

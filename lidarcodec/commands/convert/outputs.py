@@ -11,7 +11,7 @@ from typing import BinaryIO, Final, Literal, Protocol
 from lidarcodec.assembly import Assembler
 from lidarcodec.commands.turns import turns_of
 from lidarcodec.errors import PacketError, SettingsError
-from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
+from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.mounting import MOUNT_TEXT
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import MAX_ODD_BYTES
@@ -33,13 +33,14 @@ FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
 class Wanted:
     """Options of the output: its format, and options of some formats.
 
-    clouds: whether a recording or a bag also has points;  topic, frame_id: names in a bag
+    clouds: whether a recording or a bag also has points;  topic, frame_id: names in a bag;  named: names in a recording
     """
 
     form: Form
     clouds: bool = False
     topic: str = PACKETS_TOPIC
     frame_id: str = FRAME_ID
+    named: Named = UNNAMED
 
 
 class Output(Protocol):
@@ -87,7 +88,7 @@ def open_output(
         return _Capture(handle)
     if wanted.form == "packets":
         said = {} if source.mount is None else {MOUNT_TEXT: str(source.mount)}
-        return _Packets(handle, {**about, **said})
+        return _Packets(handle, wanted.named, {**about, **said})
     return Bag(wanted, handle, source)
 
 
@@ -130,8 +131,8 @@ class _Packets:
 
     left_out = 0
 
-    def __init__(self, handle: BinaryIO, about: Mapping[str, str]) -> None:
-        self._writer = RecordingWriter(handle, VEHICLE, SENSOR, None, about)
+    def __init__(self, handle: BinaryIO, named: Named, about: Mapping[str, str]) -> None:
+        self._writer = RecordingWriter(handle, *named, None, about)
         self._batches = _Batches(self._writer.write_packets)
 
     def write(self, packet: Packet) -> None:

@@ -52,6 +52,14 @@ PosesOf = Annotated[
         help="Whose poses the file of --poses holds. Default: sensor. vehicle needs --mount.",
     ),
 ]
+RecordedVehicle = Annotated[
+    str | None,
+    Option("--vehicle", metavar="NAME", help="Name of the vehicle in the recording. Default: vehicle."),
+]
+RecordedSensor = Annotated[
+    str | None,
+    Option("--sensor", metavar="NAME", help="Name of the sensor in the recording. Default: lidar."),
+]
 CodecName = Annotated[str | None, Option("--codec", metavar="NAME", help="Name of the codec. Default: pcodec.")]
 Pairs = Annotated[
     list[str] | None,

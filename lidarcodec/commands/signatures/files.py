@@ -28,6 +28,8 @@ from lidarcodec.commands.signatures.common import (
     Pairs,
     PosesFile,
     PosesOf,
+    RecordedSensor,
+    RecordedVehicle,
     SkipCount,
     Source,
     WithClouds,
@@ -77,6 +79,8 @@ def doctor(context: typer.Context, as_json: AsJson = False) -> None:
 def encode(
     source: Source,
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", show_default=False)],
+    vehicle: RecordedVehicle = None,
+    sensor: RecordedSensor = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     reduction: ReductionName = None,
@@ -100,9 +104,11 @@ def encode(
     """Encode a source into a recording. The short form of `convert`."""
     from lidarcodec.commands import encode as command
     from lidarcodec.commands.selection.frames import Selection
+    from lidarcodec.evaluation.coded_recording import Named
     from lidarcodec.sources.mounts import Mounted
 
-    mounted = Mounted.of(mount, poses_of, poses=poses is not None)
+    named = Named.of(vehicle, sensor)
+    mounted = Mounted.of(mount, poses_of, poses=poses is not None, sensor=sensor)
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     selection = Selection(frames, skip, begin, end)
     command.run(
@@ -119,6 +125,7 @@ def encode(
         allow_missed=allow_missed,
         as_json=as_json,
         mounted=mounted,
+        named=named,
     )
 
 
