@@ -215,6 +215,15 @@ def test_merged_frames_lie_where_their_poses_say_as_the_first_one_sees_them(driv
         np.testing.assert_allclose(merged["y"], plain["y"], atol=1e-3)
 
 
+def test_frames_that_are_not_placed_are_told_and_how_to_place_them(drive, tmp_path):
+    capture, poses = drive / "drive.pcap", drive / "poses.txt"
+    for words, told in ((("a.ply",), True), (("b.ply", "--frames", "1"), False), (("each", "--as", "ply"), False),
+                        (("c.ply", "--merge", "--poses", poses), False)):  # fmt: skip
+        result = run_here("convert", capture, tmp_path / words[0], *words[1:])
+        assert result.returncode == 0, result.stderr
+        assert ("add --merge to place them by poses" in result.stdout) == told, words
+
+
 def test_a_source_that_knows_its_poses_is_merged_without_a_file(tmp_path):
     found = done("convert", "sim:street?frames=2", tmp_path / "a.pcd", "--merge")
     assert (found["frames"], found["form"]) == (2, "pcd")

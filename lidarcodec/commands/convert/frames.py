@@ -43,6 +43,7 @@ from lidarcodec.units import counted
 
 log = logging.getLogger(__name__)
 REMEDY: Final = "--returns all"
+APART: Final = "Each frame keeps its own sensor frame: add --merge to place them by poses"
 
 
 @dataclass(frozen=True)
@@ -270,4 +271,7 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
         text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"
-    tell(found, text + positions_text(wanted.out, written.positions), wanted.as_json)
+    text += positions_text(wanted.out, written.positions)
+    if wanted.form.points and written.frames > 1 and not folder and not wanted.placing.merge:
+        text += f". {APART}"
+    tell(found, text, wanted.as_json)
