@@ -23,8 +23,80 @@ LidarCodecError
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from typing import Any, Final
+
+from lidarcodec.units import counted
+
+_REASONS: Final = {
+    "string_type": "must be text",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be a finite number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "dict_type": "must hold names and values",
+    "model_type": "must hold names and values",
+    "model_attributes_type": "must hold names and values",
+    "list_type": "must be a list",
+    "missing": "is missing",
+    "extra_forbidden": "does not exist",
+}
+"""Kinds of errors of pydantic, and what they mean."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """The sentence about a name that does not exist, with the one that was probably meant.
+
+    >>> unknown_name("setting", "code", ["codec", "purpose"])
+    "unknown setting 'code': did you mean codec? Otherwise choose one of codec, purpose"
+    """
+    return f"unknown {kind} '{name}': {one_of(name, known)}"
+
+
+def one_of(name: str, known: Iterable[str]) -> str:
+    """What to write instead of a name that does not exist."""
+    names = tuple(known)
+    near = get_close_matches(name.lower(), names, 1, 0.75)
+    meant = f"did you mean {near[0]}? Otherwise choose" if near else "choose"
+    return f"{meant} one of {', '.join(names)}"
+
+
+def reason_of(error: Mapping[str, Any]) -> str:
+    """What is wrong with a value, in words that follow the name of its field.
+
+    error: one of a ValidationError
+
+    >>> reason_of({"type": "less_than_equal", "ctx": {"le": 20.0}, "msg": "Input should be less than or equal to 20"})
+    'must be at most 20'
+    """
+    limits = {"greater_than_equal": ("ge", "at least"), "less_than_equal": ("le", "at most"),
+              "greater_than": ("gt", "more than"), "less_than": ("lt", "less than")}  # fmt: skip
+    kind, text = str(error["type"]), str(error["msg"])
+    if kind in limits:
+        name, words = limits[kind]
+        return f"must be {words} {error['ctx'][name]:g}"
+    if kind == "literal_error":
+        return f"must be {error['ctx']['expected']}"
+    if kind == "too_short":
+        return f"must have at least {counted(error['ctx']['min_length'], 'item')}"
+    if kind == "too_long":
+        return f"must have at most {counted(error['ctx']['max_length'], 'item')}"
+    if kind in _REASONS:
+        return _REASONS[kind]
+    return text.removeprefix("Value error, ").replace("Input should ", "must ").replace("String should ", "must ")
+
+
+def sentence_of(field: str, error: Mapping[str, Any]) -> str:
+    """What is wrong with a field. error: as of `reason_of`"""
+    reason = reason_of(error)
+    if reason.startswith(f"{field} "):
+        return reason
+    return f"{field} {reason}" if reason.startswith(("must ", "is ", "does ")) else f"{field}: {reason}"
 
 
 def is_panic(error: BaseException) -> bool:
@@ -98,9 +170,7 @@ class UnknownNameError(LidarCodecError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.name, self.known = name, tuple(known)
-        near = get_close_matches(name.lower(), self.known, 1, 0.75)
-        meant = f"did you mean {near[0]}? Otherwise choose" if near else "choose"
-        super().__init__(f"unknown {kind} '{name}': {meant} one of {', '.join(self.known)}")
+        super().__init__(unknown_name(kind, name, self.known))
 
 
 class MissingExtraError(LidarCodecError):

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypedDict, Unpack
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, sentence_of, unknown_name
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 if TYPE_CHECKING:
@@ -117,6 +117,15 @@ class StreamSettings(Described):
     """Settings common to all codecs. Frozen; unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    if not TYPE_CHECKING:  # type checkers and editors know the fields from their own lines
+
+        def __init__(self, /, **values: Any) -> None:
+            """Raises SettingsError with the field and the reason."""
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise _refusal(error) from None
 
     codec: str = "pcodec"
     """The codec. A new codec starts with its own default settings. `auto`: the codec with the best picture at the
@@ -312,14 +321,17 @@ def settings_from(values: dict[str, Any]) -> StreamSettings:
     """
     try:
         return StreamSettings.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        known = ", ".join(StreamSettings.model_fields)
-        if first["type"] == "extra_forbidden":
-            raise SettingsError(f"unknown setting '{field}': choose one of {known}", field) from None
-        reason = first["msg"].removeprefix("Value error, ")
-        raise SettingsError(f"{field or 'settings'}: {reason}", field) from None
+    except ValidationError as error:  # not a mapping
+        raise _refusal(error) from None
+
+
+def _refusal(error: ValidationError) -> SettingsError:
+    """The first of the errors, as ours."""
+    first = error.errors()[0]
+    field = str(first["loc"][0]) if first["loc"] else None
+    if first["type"] == "extra_forbidden":
+        return SettingsError(unknown_name("setting", str(field), StreamSettings.model_fields), field)
+    return SettingsError(sentence_of(field or "settings", first), field)
 
 
 def is_name(text: str) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import lidarcodec
+from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.settings import SettingChanges
@@ -41,6 +42,25 @@ def test_typed_changes_are_the_settings() -> None:
 def test_a_typo_is_refused_by_its_name(call: Any) -> None:
     with pytest.raises((lidarcodec.LidarCodecError, TypeError), match="codex"):
         call(codex="pcodec")
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"code": "pcodec"}, "unknown setting 'code': did you mean codec"),
+        ({"max_error_m": 30}, "max_error_m must be at most 20"),
+        ({"codec": 3}, "codec must be text"),
+        ({"purpose": "see"}, "purpose must be 'look', 'localise', 'detect' or 'archive'"),
+        ({"framing": "slabs"}, "framing must be revolution"),
+    ],
+)
+def test_a_wrong_setting_is_one_plain_sentence_of_our_own_error(values: dict[str, Any], says: str) -> None:
+    with pytest.raises(SettingsError, match=says) as caught:
+        lidarcodec.StreamSettings(**values)
+    assert caught.value.field == next(iter(values))
+    assert str(caught.value).startswith(says), "the field is named once"
+    with pytest.raises(SettingsError, match=says):
+        lidarcodec.StreamSettings().changed(**values)
 
 
 def test_one_frame_or_a_path_where_many_or_a_source_are_taken_is_refused_with_what_to_write(frames, tmp_path) -> None:

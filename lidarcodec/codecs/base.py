@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pydantic import ConfigDict, ValidationError
 
 from lidarcodec.codecs.rate_knob import RateKnob
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, one_of, sentence_of
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import Described, StreamSettings
@@ -116,10 +116,12 @@ def own_settings(model: type[Own], settings: StreamSettings) -> Own:
         key = ".".join(str(part) for part in first["loc"])
         field = f"codec_settings.{key}"
         if first["type"] == "extra_forbidden":
-            known = ", ".join(model.model_fields)
-            its = f"its settings are {known}" if known else "it has no settings"
-            raise SettingsError(f"codec {settings.codec} has no setting '{key}': {its}", field) from None
-        raise SettingsError(f"{field} of codec {settings.codec}: {first['msg']}", field) from None
+            known = model.model_fields
+            text = f"codec {settings.codec} has no settings of its own, so no '{key}'"
+            if known:
+                text = f"codec {settings.codec} has no setting '{key}': {one_of(key, known)}"
+            raise SettingsError(text, field) from None
+        raise SettingsError(sentence_of(f"{field} of codec {settings.codec}", first), field) from None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.errors import MissingExtraError, SettingsError, sentence_of
 
 
 def server_module(name: str) -> Any:
@@ -37,6 +37,4 @@ def server_config(*, database_url: str | None = None, database_password_file: Pa
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(
-            f"{name or 'the configuration'}: {first['msg'].removeprefix('Value error, ')}", name
-        ) from None
+        raise SettingsError(sentence_of(name or "the configuration", first), name) from None

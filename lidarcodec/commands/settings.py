@@ -18,7 +18,7 @@ from itertools import product
 from typing import Any, Final
 
 from lidarcodec.codecs import table
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, unknown_name
 from lidarcodec.pipeline import check, check_offline
 from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.settings import StreamSettings, settings_from
@@ -104,9 +104,11 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     try:
         check(settings)
     except SettingsError as error:
-        if any(error.field == f"codec_settings.{key}" for key in _unknown(settings)):
-            all_have = ", ".join(key for key in StreamSettings.model_fields if key != "codec_settings")
-            raise SettingsError(f"{error}; all codecs have {all_have}", error.field) from None
+        for key in _unknown(settings):
+            if error.field == f"codec_settings.{key}" and settings.codec in table.names():
+                of_all = [name for name in StreamSettings.model_fields if name != "codec_settings"]
+                known = (*table.codec(settings.codec).settings.model_fields, *of_all)
+                raise SettingsError(unknown_name("setting", key, known), error.field) from None
         raise
     table.check_installed(settings.codec)
     return settings

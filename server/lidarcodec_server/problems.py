@@ -19,7 +19,15 @@ from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import Response
 from starlette.websockets import WebSocket, WebSocketState
 
-from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, TransportError, UnknownNameError
+from lidarcodec.errors import (
+    LidarCodecError,
+    MissingExtraError,
+    SettingsError,
+    TransportError,
+    UnknownNameError,
+    reason_of,
+    sentence_of,
+)
 from lidarcodec.transport.answering import field_of
 from lidarcodec_server.fleet.control import AwayError, BusyError, RefusedError
 from lidarcodec_server.limits import SparseLog, TooManyError
@@ -97,12 +105,13 @@ def of(error: LidarCodecError) -> ProblemError | None:
 
 def _validation(error: RequestValidationError) -> ProblemError:
     errors = [
-        {"in": str(one["loc"][0]), "field": ".".join(str(part) for part in one["loc"][1:]), "reason": one["msg"]}
+        {"in": str(one["loc"][0]), "field": ".".join(str(part) for part in one["loc"][1:]), "reason": reason_of(one)}
         for one in error.errors()[:MAX_ERRORS]
     ]
     first = errors[0] if errors else {"in": "request", "field": "", "reason": "not valid"}
     where = f"{first['field']} ({first['in']})" if first["field"] else first["in"]
-    return ProblemError(422, f"{where}: {first['reason']}", "request", field=first["field"] or None, errors=errors)
+    text = sentence_of(where, error.errors()[0]) if errors else f"{where}: {first['reason']}"
+    return ProblemError(422, text, "request", field=first["field"] or None, errors=errors)
 
 
 def problem_of(error: Exception, what: str) -> ProblemError:

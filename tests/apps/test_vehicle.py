@@ -114,10 +114,10 @@ def test_all_sensors_share_one_session_and_stop_soon_when_it_cannot_be_opened():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("sensors: []", "sensors: List should have at least 1 item"),
-        ("vehicle: car 7\nsensors: [{name: a, source: x}]", "vehicle: String should match"),
-        ("sensors: [{name: a}]", "sensors.0.source: Field required"),
-        ("sensors: [{name: a, source: x, colour: red}]", "sensors.0.colour: this field does not exist"),
+        ("sensors: []", "sensors must have at least 1 item"),
+        ("vehicle: car 7\nsensors: [{name: a, source: x}]", "vehicle must match"),
+        ("sensors: [{name: a}]", "sensors.0.source is missing"),
+        ("sensors: [{name: a, source: x, colour: red}]", "sensors.0.colour does not exist"),
         ("sensors: [{name: a, source: x, codec: mp3}]", "sensors.0.settings: unknown codec 'mp3'"),
         ("sensors: [{name: a, source: x, settings: {level: 99}}]", "sensors.0.settings: "),
         ("sensors: [{name: a, source: x, rate: 0}]", "sensors.0.rate"),

@@ -55,7 +55,7 @@ def test_unknown_codecs_are_named() -> None:
         (
             {"codec_settings": {"quality": 9}},
             "codec_settings.quality",
-            "has no setting 'quality': its settings are level",
+            "codec pcodec has no setting 'quality': choose one of level",
         ),
         ({"codec_settings": {"level": 0}}, "codec_settings.level", "level"),
         ({"codec_settings": {"level": "high"}}, "codec_settings.level", "level"),

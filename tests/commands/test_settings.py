@@ -32,8 +32,10 @@ def test_a_value_of_the_wrong_kind_is_refused_with_its_key(pair):
 
 
 def test_an_unknown_key_is_refused_by_name_and_the_known_ones_are_listed():
-    with pytest.raises(SettingsError, match=r"'colour'.*level.*all codecs have codec, .*max_error_m"):
+    with pytest.raises(SettingsError, match=r"unknown setting 'colour': choose one of level,.* codec, .*max_error_m"):
         one_setting("pcodec", ["colour=red"])
+    with pytest.raises(SettingsError, match=r"'max_eror_m': did you mean max_error_m\?"):
+        one_setting("pcodec", ["max_eror_m=1"])
 
 
 def test_a_setting_that_is_a_text_may_look_like_a_number():

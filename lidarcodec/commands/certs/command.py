@@ -22,7 +22,7 @@ from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certs.certificates import Authority, write_private
 from lidarcodec.commands.certs.folder_lock import locked
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, sentence_of
 from lidarcodec.files.whole import written_whole
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.access import PLAYBACKS, ROUTER, Auth, People
@@ -195,7 +195,7 @@ def _read(path: Path, auth: str | None, port: int | None) -> Deployment:
         raise SettingsError(f"{path} does not describe a deployment: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
-        raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise SettingsError(f"{path}: {sentence_of('.'.join(map(str, first['loc'])), first)}") from None
     if auth not in (None, found.auth) or port not in (None, found.port):
         raise SettingsError(
             f"{path} has auth {found.auth} and port {found.port}, which cannot be changed: use another folder"

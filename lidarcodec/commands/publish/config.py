@@ -3,7 +3,7 @@
 >>> text = "vehicle: car-7\\nsensors:\\n  - {name: roof, source: 'udp://:2368', settings: {max_error_m: -1}}"
 >>> parse(text, "fleet.yaml")
 Traceback (most recent call last):
-lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m: Input should be greater than or equal to 0
+lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m must be at least 0
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.publish.command import record_limits, say_begun, tell_of, vehicle_of
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import settings_of
-from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError, reason_of, sentence_of
 from lidarcodec.mounting import Mounting
 from lidarcodec.network.shelf import look_in
 from lidarcodec.sensors import read_calibration
@@ -226,11 +226,10 @@ def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConf
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        reason = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            reason = "this field does not exist"
-        joint = "." if reason.startswith("settings: ") else ": "
-        raise SettingsError(f"{where}: {place}{joint}{reason}" if place else f"{where}: {reason}", place) from None
+        text = reason_of(first)
+        if place:
+            text = f"{place}.{text}" if text.startswith("settings: ") else sentence_of(place, first)
+        raise SettingsError(f"{where}: {text}", place) from None
 
 
 def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
