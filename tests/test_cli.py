@@ -39,7 +39,7 @@ from tests.transport.test_contract import eventually
         (["convert", "in.pcap", "out.ply", "--format", "ply"], "write --as FORMAT"),
         (["encode", "in.pcap", "out.mcap", "--max-error", "0.01"], "write --set max_error_m=VALUE"),
         (["encode", "in.pcap", "out.mcap", "--set", "level", "9"], "write --set level=VALUE"),
-        (["convert", "in.pcap", "f_%04d.ply"], "a folder, with --as ply"),
+        (["convert", "in.pcap", "f_%04d.ply"], "a folder and --as ply"),
         (["encode", "sim:moon", "out.mcap"], "choose one of city"),
         (["simulate", "drive.pcap", "out.pcap"], "sim:motorway"),
         (["verify", "drive.mcap", "udp://127.0.0.1:2368"], "live"),

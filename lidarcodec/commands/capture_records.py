@@ -40,7 +40,7 @@ def opened(handle: BinaryIO, path: Path) -> bytes:
     """
     found = handle.read(HEADER_BYTES)
     if found[:4] not in ORDERS or len(found) != HEADER_BYTES:
-        raise SourceError(f"{path} is not a classic pcap file: convert it first with `lidarcodec convert`")
+        raise SourceError(f"{path} is not a classic .pcap file: convert it first with `lidarcodec convert`")
     return found
 
 

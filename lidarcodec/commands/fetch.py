@@ -55,7 +55,7 @@ def run(
         sys.stderr.write(f"the clip is --from {begin} --to {end}; write it so to continue after a cut\n")
     clip = Clip(StreamKeys.parse(key), *span_of(begin, end, now_ns=now_ns))
     if out.suffix.lower() != ".mcap":
-        raise SettingsError(f"{out}: a clip is a recording: give a name that ends in .mcap", "out")
+        raise SettingsError(f"{out}: a clip is a recording, so its name must end in .mcap", "out")
     check_free(out, force=force)
     endpoints = endpoints_of(given)
     store = PieceStore(beside(out, ".fetching", folder=True))
@@ -75,7 +75,9 @@ def run(
     with contextlib.suppress(OSError):  # other clips of this output
         store.folder.rmdir()
     for begin_ns, end_ns in plan.gaps():
-        log.warning("the vehicle kept nothing for %.1f s from %d on", (end_ns - begin_ns) / 1e9, begin_ns)
+        log.warning(
+            "the vehicle kept nothing for %.1f s, beginning at %s", (end_ns - begin_ns) / 1e9, rfc_3339(begin_ns)
+        )
     if written.frames != state["frames"]:
         log.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)
     about = {"output": str(out), "bytes": written.bytes, "frames": written.frames}

@@ -91,8 +91,8 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     target = common.get("target_kbps")
     if target is not None and values.get("base_error_m") is not None and "target_kbps" not in values:
         raise SettingsError(
-            f"base_error_m sets the bound of the base and takes no target, but --link {link} sets "
-            f"target_kbps={target:g}: leave --link out",
+            f"base_error_m cannot be combined with a target bitrate, and --link {link} sets "
+            f"target_kbps={target:g}: leave out --link",
             "base_error_m",
         )
     common |= {"codec": codec} if codec else {}

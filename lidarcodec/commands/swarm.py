@@ -119,7 +119,7 @@ def _run_parts(load: Load, several: int) -> list[Swarmed]:
                 if not _ends(part):
                     failed = True
     if failed or any(part.returncode for part in parts):
-        raise SourceError("a part of the swarm failed")
+        raise SourceError("a process of the swarm failed; its own message is above")
     return [cast(Swarmed, json.loads(part.stdout.read())) for part in parts if part.stdout is not None]
 
 

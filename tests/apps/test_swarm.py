@@ -121,7 +121,7 @@ def test_a_part_that_is_ended_too_soon_is_an_error():
         os.kill(children(process.pid)[-1], signal.SIGTERM)
         _, complaint = process.communicate(timeout=60)
         assert process.returncode == 1
-        assert "a part of the swarm failed" in complaint
+        assert "a process of the swarm failed" in complaint
     finally:
         process.kill()
         process.communicate()

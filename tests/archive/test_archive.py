@@ -69,8 +69,8 @@ def test_a_mistyped_folder_is_no_empty_archive(inputs, filled, tmp_path):
         ("query", wrong, "select 1"),
         ("get", wrong, tmp_path / "a.pcap"),
     ):
-        assert "is no folder" in archive(*words, code=1).stderr
-    with pytest.raises(lidarcodec.errors.SourceError, match="is no folder"):
+        assert "is not a folder" in archive(*words, code=1).stderr
+    with pytest.raises(lidarcodec.errors.SourceError, match="is not a folder"):
         lidarcodec.open_archive(wrong)
     assert not wrong.exists()
     assert "the query is empty" in archive("query", filled, "", code=2).stderr
@@ -95,10 +95,10 @@ def test_frames_that_are_not_there_are_explained(filled, tmp_path):
     out = tmp_path / "some.ply"
     begun = next(open_archive(filled).frames()).stamp_ns
     late = archive("get", filled, out, "--from", "2031-01-01T00:00:00Z", code=1).stderr
-    assert f"no such frame (there are frames from {rfc_3339(begun)} to 20" in late
+    assert f"fits these options (there are frames from {rfc_3339(begun)} to 20" in late
     placed = archive("get", filled, out, "--where", "x between 0 and 9", code=1).stderr
-    assert "no such frame (no pose is known of any frame, so x is null): nothing was written" in placed
-    assert "no such frame: nothing" in archive("get", filled, out, "--where", "frame = 99", code=1).stderr
+    assert "fits these options (no frame has a known pose, so x is null): nothing was written" in placed
+    assert "fits these options: nothing" in archive("get", filled, out, "--where", "frame = 99", code=1).stderr
 
 
 def test_a_recording_of_some_frames_is_read_by_decode(filled, tmp_path):

@@ -276,7 +276,7 @@ def test_a_policy_thins_out_and_deletes_only_when_told(filled, tmp_path):
         (("--job", "reduce", "--set", "max_error_m=0.1"), "--job reduce takes"),
         (("--job", "stats", "--as", "pcd"), "--as is only for --job convert"),
         (("--job", "recompress", "--policy", "p", "--codec", "zstd"), "or --policy"),
-        (("--job", "map", "--repair"), "--repair is not for --job map"),
+        (("--job", "map", "--repair"), "--repair works only on an archive, but --job map"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path, words, said):

@@ -106,8 +106,8 @@ def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"vehicles": ["car-7"]}, "no party listens"),
-        ({}, "no party listens"),
+        ({"vehicles": ["car-7"]}, "there is nothing to connect to"),
+        ({}, "there is nothing to connect to"),
         ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is already used"),
         ({"routers": ["a"], "viewers": ["router"]}, "name is already used"),
         ({"routers": ["a"], "vehicles": ["playback-1"]}, "are reserved for playbacks"),
@@ -116,7 +116,7 @@ def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
         ({"routers": ["::1"]}, "a name that stands for it"),
         ({"vehicles": ["car-7@fe80::1"]}, "a name that stands for it"),
         ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out"),
-        ({"viewers": ["anna@b"], "routers": ["a"]}, "only vehicles listen"),
+        ({"viewers": ["anna@b"], "routers": ["a"]}, "only a vehicle can have a host"),
         ({"routers": ["a"], "remove": ["nobody"]}, "no such name"),
         ({"routers": ["a"], "auth": "trust"}, "certificate, password or none"),
     ],
@@ -152,7 +152,7 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
     assert str(tmp_path / "viewer-anna.json5") in done.stdout
     wrong = run("publish", "sim:road", "--vehicle", "car-8", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     assert wrong.returncode == 2
-    assert "belongs to vehicle car-7, which is not allowed to publish as car-8" in wrong.stderr
+    assert "is the configuration of vehicle car-7, which is not allowed to publish as car-8" in wrong.stderr
     router = Router(config=str(tmp_path / "router-localhost.json5"), listen=f"tls/localhost:{port}")
     car = start("publish", "sim:road", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     try:

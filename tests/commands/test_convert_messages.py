@@ -107,7 +107,7 @@ def test_messages_of_other_formats_and_lost_ones_are_counted(tmp_path, recording
 
 def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path, recording):
     for words, said in (
-        ([recording, tmp_path / "out.pcap"], "must end in .mcap, or be a folder"),
+        ([recording, tmp_path / "out.pcap"], "ends in .mcap, or a folder"),
         ([recording, tmp_path / "out.mcap", "--frames", "1"], "--frames is not for messages"),
         ([recording, tmp_path / "out.mcap", "--topic", "points"], "not a ROS name"),
         *(

@@ -90,7 +90,7 @@ def test_a_step_that_does_not_divide_a_tile_is_refused_before_any_work(tmp_path)
 def test_shares_that_would_have_one_name_are_refused(town, tmp_path):
     done = run_here("map", "compress", town, "-o", tmp_path / "a.lcmap", "--keep", "50%,50.0%")
     assert done.returncode == 2
-    assert "two shares are alike" in the_one_line(done)
+    assert "give each share only once" in the_one_line(done)
     assert not list(tmp_path.iterdir())
 
 

@@ -196,7 +196,7 @@ def test_a_vehicle_file_gives_each_sensor_its_own(mounts):
     assert [sensor.plan(found).mount for sensor in config.sensors] == [ROOF, Mounting(1, 2, 3), None]
     with pytest.raises(SettingsError, match=r"sensors\.0\.mount: a mounting is"):
         publish_config.parse("sensors: [{name: a, source: 'sim:street', mount: [1]}]", "car.yaml")
-    with pytest.raises(SettingsError, match="poses of the vehicle need"):
+    with pytest.raises(SettingsError, match="`poses_of: vehicle` needs"):
         publish_config.parse("sensors: [{name: a, source: 'sim:street', poses_of: vehicle}]", "c").sensors[0].plan({})
 
 

@@ -235,13 +235,15 @@ def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):
     group = tmp_path / "group"
     piped(None, group, "messages", spec=str(recording), codec="jpeg-layered")
     (tmp_path / "two").write_bytes(group.read_bytes() * 2)
-    with pytest.raises(SettingsError, match=r"--frames 6 ends within a message of 4 frames.* give 4 or 8, or --codec"):
+    with pytest.raises(
+        SettingsError, match=r"--frames 6 falls inside a message of 4 frames: give --frames 4 or 8, or --codec"
+    ):
         piped(tmp_path / "two", tmp_path / "six.mcap", "recording", frames=6)
     with (tmp_path / "six.mcap").open("rb") as file:
         reader = RecordingReader(file)
         assert [data for _, data in reader.messages()] == messages_in(group)
         assert not reader.counts["cut"]
-    with pytest.raises(SettingsError, match="give 4, or --codec"):
+    with pytest.raises(SettingsError, match="give --frames 4, or --codec"):
         piped(group, tmp_path / "one", "messages", frames=1)
     assert (tmp_path / "one").read_bytes() == b""
     piped(tmp_path / "two", tmp_path / "four", "messages", frames=4)
@@ -251,7 +253,7 @@ def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):
 def test_wrong_usage_is_said_at_once(capture):
     for words, said in (
         (["--to", "las"], "unknown format"),
-        (["--to", "points", "--codec", "zstd"], "points has none"),
+        (["--to", "points", "--codec", "zstd"], "leave them out for points"),
     ):
         done = run_here("pipe", capture, *words)
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr
@@ -260,7 +262,7 @@ def test_wrong_usage_is_said_at_once(capture):
 def test_options_of_packets_are_refused_for_messages(tmp_path, recording):
     (tmp_path / "in").write_bytes(struct.pack("<I", 60) + b"\x93LDC" + bytes(56))
     for spec, options in (("-", {"model": "vlp16"}), (str(recording), {"calibration": tmp_path / "db.xml"})):
-        with pytest.raises(SettingsError, match=f"--{next(iter(options))} is for packets"):
+        with pytest.raises(SettingsError, match=f"--{next(iter(options))} is only for packets"):
             piped(tmp_path / "in", tmp_path / "out", "messages", spec=spec, **options)
     assert (tmp_path / "out").read_bytes() == b""
 

@@ -57,7 +57,7 @@ def test_a_key_given_twice_is_refused_instead_of_the_last_one_winning():
 
 
 def test_a_link_in_the_way_of_two_layers_is_named():
-    with pytest.raises(SettingsError, match="--link 1mbit sets target_kbps=800: leave --link out"):
+    with pytest.raises(SettingsError, match="--link 1mbit sets target_kbps=800: leave out --link"):
         one_setting("pcodec", ["base_error_m=0.05"], link="1mbit")
     given = one_setting("pcodec", ["base_error_m=0.05", "target_kbps=null"], link="1mbit")
     assert (given.base_error_m, given.target_kbps) == (0.05, None)

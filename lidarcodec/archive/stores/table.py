@@ -37,5 +37,5 @@ def open_store(where: str | Path | Store, retry_s: int = 90) -> Store:
 def check_there(store: Store) -> Store:
     """The store itself. Raises SourceError for a folder that does not exist, which is not an empty one."""
     if not store.is_there():
-        raise SourceError(f"{store.url} is no folder")
+        raise SourceError(f"{store.url} is not a folder")
     return store

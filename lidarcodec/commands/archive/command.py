@@ -48,14 +48,16 @@ def run(
     ] = None,
     keep_both: Annotated[
         bool,
-        Option("--keep-both", help="Add inputs once more that are there already with other settings (compress)."),
+        Option(
+            "--keep-both", help="Also add inputs that are in the archive already, but with other settings (compress)."
+        ),
     ] = False,
     workers: Annotated[
         str | None,
         Option(
             "--workers",
             metavar="NAME",
-            help="Who works: processes, dask or ray (a cluster), or here (this process). Default: processes.",
+            help="Where tasks run: processes, dask or ray (a cluster), or here (this process). Default: processes.",
         ),
     ] = None,
     processes: Annotated[
@@ -69,12 +71,17 @@ def run(
         Option(
             "--scheduler",
             metavar="ADDRESS",
-            help="Of the cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or HOST:PORT (Ray).",
+            help="Address of the cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or HOST:PORT (Ray).",
         ),
     ] = None,
     timeout: Annotated[
         float | None,
-        Option("--timeout", min=1.0, metavar="S", help="A longer task is ended and tried again. Default: 1800."),
+        Option(
+            "--timeout",
+            min=1.0,
+            metavar="S",
+            help="Time limit of a task. Beyond it, the task is ended and tried again. Default: 1800.",
+        ),
     ] = None,
     memory: Annotated[
         int | None,
@@ -82,7 +89,7 @@ def run(
             "--memory",
             min=256,
             metavar="MB",
-            help="A task whose process takes more memory is ended and tried again. Default: no limit.",
+            help="Memory limit of a task. Beyond it, the task is ended and tried again. Default: no limit.",
         ),
     ] = None,
     policy: Annotated[
@@ -102,12 +109,12 @@ def run(
             "--delete-old", help="Delete recordings that were replaced, once the new ones are verified (recompress)."
         ),
     ] = False,
-    dry_run: Annotated[bool, Option("--dry-run", help="Only say what would be done.")] = False,
+    dry_run: Annotated[bool, Option("--dry-run", help="Only print what would be done.")] = False,
     repair: Annotated[
         bool,
         Option(
             "--repair",
-            help="First remove what was never finished, and try again what was set aside. No other run may be active.",
+            help="First remove unfinished objects, and retry tasks that were set aside. No other run may be active.",
         ),
     ] = False,
     as_json: AsJson = False,
@@ -129,7 +136,7 @@ def query(
     archive: ArchiveName,
     sql: Annotated[
         str,
-        typer.Argument(metavar="SQL", show_default=False, help="A query over the table `frames`."),
+        typer.Argument(metavar="SQL", show_default=False, help="An SQL query of the table `frames`."),
     ],
     as_json: AsJson = False,
 ) -> None:
@@ -158,7 +165,7 @@ def get(
     ] = None,
     last: Annotated[str | None, Option("--to", metavar="TIME", help="Last time.")] = None,
     where: Annotated[
-        str | None, Option("--where", metavar="SQL", help="A condition on the table `frames` instead.")
+        str | None, Option("--where", metavar="SQL", help="Instead: an SQL condition on the table `frames`.")
     ] = None,
     returns: WhichReturns = "first",
     force: Force = False,
@@ -183,7 +190,7 @@ def push(
         float | None, Option("--limit", min=0.01, metavar="MBIT", help="Upload at most so many Mbit/s.")
     ] = None,
     delete: Annotated[
-        bool, Option("--delete", help="Delete each recording here once the store has given back the same bytes.")
+        bool, Option("--delete", help="Delete each local recording once its upload was read back and is the same.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:

@@ -137,7 +137,7 @@ def _recording(
 def _first(found: Iterator[Any], store: Archive, arguments: dict[str, Any]) -> Any:
     first = next(found, None)
     if first is None:
-        raise SourceError(f"the archive has no such frame{_why(store, arguments)}: nothing was written")
+        raise SourceError(f"no frame in the archive fits these options{_why(store, arguments)}: nothing was written")
     return first
 
 
@@ -147,7 +147,7 @@ def _why(store: Archive, arguments: dict[str, Any]) -> str:
         asked = _PLACE.search(where)
         if asked is None or store.query("SELECT count(x) FROM frames")[1][0][0]:
             return ""
-        return f" (no pose is known of any frame, so {asked[0]} is null)"
+        return f" (no frame has a known pose, so {asked[0]} is null)"
     commits = commits_of(store.store, arguments["vehicle"], arguments["sensor"])
     if arguments["between"] is None or not commits:
         return ""

@@ -16,7 +16,7 @@ from lidarcodec.errors import SourceError
 def run(folder: Path, where: str, limit_mbit: float | None, delete: bool, as_json: bool) -> bool:
     """Upload all recordings that are complete, and print what was done. Returns whether all could be read."""
     if not folder.is_dir():
-        raise SourceError(f"{folder} is no folder")
+        raise SourceError(f"{folder} is not a folder")
     store = open_store(where)
     rate = Rate(None if limit_mbit is None else limit_mbit * 1e6 / 8)
     with stoppable() as stopped, progress("uploading") as tick:

@@ -89,9 +89,12 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     job, settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
-        raise SettingsError(f"{archive} lies in {source}: it would be read as input. Choose another OUT", "out")
+        raise SettingsError(f"{archive} lies in {source} and would be read as input: choose another OUT", "out")
     if wanted.repair and job.leaves:
-        raise SettingsError(f"--repair is not for --job {wanted.job}: it repairs an archive, and OUT is none", "repair")
+        raise SettingsError(
+            f"--repair works only on an archive, but --job {wanted.job} does not write one: leave out --repair",
+            "repair",
+        )
     if wanted.job != "verify":  # which needs no inputs
         check_there(inputs)
     if not job.leaves and wanted.job != "compress":
@@ -141,14 +144,16 @@ def _checked(wanted: Wanted) -> tuple[Job, StreamSettings]:
     if wanted.job == "recompress" and bool(given["settings"]) == (wanted.policy is not None):
         raise SettingsError("--job recompress needs the new settings: --codec and --set, or --policy FILE")
     if wanted.policy is not None and wanted.before is not None:
-        raise SettingsError("--before is not for --policy: each of its rules has after_days", "before")
+        raise SettingsError(
+            "--before cannot be combined with --policy, whose rules have after_days: leave out --before", "before"
+        )
     if wanted.job == "convert":
         if wanted.form is None:
             raise SettingsError("--job convert needs a format: --as NAME", "as")
         check_form(wanted.form)
     working = [name for name in _WORKING if getattr(wanted, name) is not None]
     if job.each == "archive" and working:
-        raise SettingsError(f"--{working[0]} is not for --job {wanted.job}: it runs in this process", working[0])
+        raise SettingsError(f"--job {wanted.job} runs in this process: leave out --{working[0]}", working[0])
     check_extra()
     check_engine(wanted.workers or WORKERS, wanted.wishes)
     settings = check_offline(one_setting(wanted.codec, wanted.pairs))
@@ -232,7 +237,7 @@ def _joined(target: Store) -> dict[str, int]:
     try:
         return index(target)
     except (OSError, SourceError, SettingsError) as error:
-        log.warning("tables were not joined, so queries are slower; --job index does it later: %s", error)
+        log.warning("the tables of the index were not merged (%s), so queries are slower: run --job index later", error)
         return {}
 
 

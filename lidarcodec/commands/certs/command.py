@@ -225,7 +225,7 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
             named.add(name)
             at_hosts = [_host(host) for host in hosts.split(",")] if at else (before.hosts if before else [])
             if at_hosts and role != "vehicle":
-                raise SettingsError(f"--{role} {text}: only vehicles listen: leave out @HOST", role)
+                raise SettingsError(f"--{role} {text}: only a vehicle can have a host, so leave out @HOST", role)
             kept = before or Party(role=cast(Literal["vehicle"], role))
             deployment.parties[name] = kept.model_copy(update={"hosts": at_hosts})
     return named
@@ -250,11 +250,14 @@ def _check(deployment: Deployment) -> None:
     lonely = [name for name in deployment.names("vehicle") if not deployment.parties[name].hosts]
     if not deployment.routers and (lonely or not deployment.parties):
         raise SettingsError(
-            "no party listens: give --router HOST, or a host for each vehicle (--vehicle NAME@HOST)", "router"
+            "there is nothing to connect to: give --router HOST, or a host for each vehicle (--vehicle NAME@HOST)",
+            "router",
         )
     listening = [name for name, party in deployment.parties.items() if party.hosts]
     if deployment.routers and listening:
-        raise SettingsError(f"{listening[0]} connects to the routers: leave out the host after its name", "vehicle")
+        raise SettingsError(
+            f"vehicle {listening[0]} connects to the routers: leave out the host after its name", "vehicle"
+        )
 
 
 def _save(path: Path, deployment: Deployment) -> None:

@@ -124,7 +124,9 @@ def convert(
                             ("--zenoh-config", zenoh_config), ("--vehicle", vehicle),
                             ("--sensor", sensor)):  # fmt: skip
             if other:
-                raise SettingsError(f"{name} is not for messages: a whole recording is copied as it is", "as")
+                raise SettingsError(
+                    f"{name} is not for messages: leave it out, because a whole recording is copied as it is", "as"
+                )
         messages.run(spec, out, topic, frame_id, force=force, as_json=as_json)
         return
     kept = packet_form_of(out, form)
@@ -138,7 +140,7 @@ def convert(
         raise SettingsError(f"{source} gives points, not packets: `lidarcodec subscribe` has --record and --udp", "as")
     if kept is not None:
         if placing.given:
-            raise SettingsError(f"{placing.given}: only for points, but {kept} holds packets", "region")
+            raise SettingsError(f"{placing.given} is only for points, but {kept} holds packets", "region")
         packets.run(spec, out, form=kept, named=named, codec=codec, pairs=pairs or [], selection=selection,
                     calibration=calibration,
                     poses=poses, clouds=with_clouds, topic=topic, frame_id=frame_id, force=force,
@@ -154,6 +156,8 @@ def convert(
         return
     for name, value in (("--calibration", calibration), ("--model", model), ("--poses", poses)):
         if value is not None:
-            raise SettingsError(f"{name} is not for a live stream: the stream says it", name.lstrip("-"))
+            raise SettingsError(
+                f"{name} is not for a live stream, which brings this along: leave it out", name.lstrip("-")
+            )
     keep_standard_output()
     receive(stream, wanted, endpoints_of((connect or [], listen or [], zenoh_config)), mounted.mount)

@@ -97,7 +97,11 @@ def run(
     ):
         mounted.given_to(source)
         if wanted.form == "pcap" and source.sensor.is_cloud:
-            raise SettingsError("a capture cannot hold point clouds: give the output no ending, for a rosbag2", "to")
+            raise SettingsError(
+                "a capture (.pcap) cannot hold point clouds: write a rosbag2 instead (an output "
+                "name without an ending)",
+                "to",
+            )
         read = parse(spec).path
         beside = _calibration_file(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
@@ -147,7 +151,10 @@ def _turning(sensor: SensorModel, spec: str, *, numbered: bool) -> tuple[int | N
     if sensor.model not in (PACKETS, POINTCLOUD2):
         return None, turns_of(sensor)
     if numbered:
-        raise SettingsError(f"--frames and --skip count turns, and {spec} shows none: use --from and --to", "frames")
+        raise SettingsError(
+            f"--frames and --skip count turns of the sensor, but none were found in {spec}: use --from and --to",
+            "frames",
+        )
     return FRAME_PACKETS, None
 
 
@@ -237,7 +244,7 @@ def _calibration_file(
     if same:
         return None
     if not force:
-        raise SettingsError(f"{path} has another calibration than {out}: use --force to replace it", "force")
+        raise SettingsError(f"{path} exists and holds another calibration: use --force to replace it", "force")
     if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
         raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
     return path
@@ -262,7 +269,7 @@ def _metadata_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> P
     if same:
         return None
     if not force:
-        raise SettingsError(f"{path} is not the metadata of {out}: use --force to replace it", "force")
+        raise SettingsError(f"{path} exists and is not the metadata of this sensor: use --force to replace it", "force")
     return path
 
 

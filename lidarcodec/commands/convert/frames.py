@@ -61,7 +61,7 @@ class Wanted:
         """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
         given = self.placing.given
         if given and not self.form.points:
-            raise SettingsError(f"{given}: only for points, but {self.form.name} holds packets, images or messages")
+            raise SettingsError(f"{given} is only for points, but {self.form.name} holds packets, images or messages")
         check_returns(self.form, self.placing.returns)
         if self.placing.merge and contents_of(self.out) is not None:
             raise SettingsError("--merge puts all frames into one file: give OUT an ending, such as .ply", "merge")
@@ -107,7 +107,7 @@ class _Recorded:
         layers = self.layers
         if layers and (layers["part"] or layers["base"]):
             text = self._recorded.layers_text()
-            log.warning("%s: %s: the others are within the bound of their base", self._path, text)
+            log.warning("%s: %s; all other frames have only the larger error bound base_error_m", self._path, text)
 
     @property
     def layers(self) -> dict[str, int] | None:
@@ -153,7 +153,7 @@ class _Streamed:
     def say(self) -> None:
         missing = self._stream.summary().get("missing", 0)
         if missing:
-            log.warning("%s: %d frames did not come", self._key, missing)
+            log.warning("%s: %d frames of the stream did not arrive", self._key, missing)
 
 
 def receive(key: str, wanted: Wanted, endpoints: Endpoints, mount: Mounting | None = None) -> None:

@@ -37,11 +37,11 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
     Messages that are damaged are left out, with a warning.
     """
     if out.suffix.lower() not in ("", ".mcap"):
-        raise SettingsError(f"--as {FORM} does not fit {out}: its name must end in .mcap, or be a folder", "as")
+        raise SettingsError(f"--as {FORM} does not fit {out}: give a name that ends in .mcap, or a folder", "as")
     parsed, topic = parse(spec), ros_topic(topic or POINTS_TOPIC)
     if kind_of(parsed) != "recording":
         raise SettingsError(
-            f"--as {FORM} copies the messages of a recording: write one with `lidarcodec encode {spec} OUT.mcap`", "as"
+            f"--as {FORM} needs a recording: write one first with `lidarcodec encode {spec} OUT.mcap`", "as"
         )
     path = parsed.only().path
     check_not_input(out, spec)
@@ -81,7 +81,9 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
         log.warning("%s: %d damaged messages were left out", path, left_out)
     if refinements := reader.refinements.untaken():
         log.warning(
-            "%s: %d refinements were left out: the bag holds what was coded within the base error", path, refinements
+            "%s: %d refinements were left out: the bag holds the base of these frames, within base_error_m",
+            path,
+            refinements,
         )
     found = Converted(
         output=str(kept), form=FORM, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1, beside=[],

@@ -60,7 +60,8 @@ def run(wanted: Cut) -> None:
         reader = RecordingReader(handle)
         if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
             raise SourceError(
-                f"{wanted.source} is not a recording of lidarcodec: `lidarcodec convert` takes a part of it, too"
+                f"cut needs a recording of lidarcodec, and {wanted.source} is not one: use `lidarcodec convert` "
+                "with the same options"
             )
         plan = planned(_units(reader), wanted.selection, wanted.every_ns)
         for number in range(1, len(plan.starts)):

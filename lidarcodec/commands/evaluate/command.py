@@ -55,7 +55,12 @@ def localisation(
     ] = "9000",
     frame_bytes: Annotated[
         int | None,
-        Option("--frame-bytes", min=100, metavar="N", help="Instead keep as many returns as fit into N bytes a frame."),
+        Option(
+            "--frame-bytes",
+            min=100,
+            metavar="N",
+            help="Instead of --keep-points: keep as many returns as fit into N bytes a frame.",
+        ),
     ] = None,
     maps: Annotated[
         list[str] | None,
@@ -152,7 +157,7 @@ def detection(
     ] = None,
     recordings: Annotated[
         list[Path] | None,
-        Option("--recording", metavar="FILE", help="Measure the frames of this recording of SOURCE, too. Repeatable."),
+        Option("--recording", metavar="FILE", help="Also measure the frames of this recording of SOURCE. Repeatable."),
     ] = None,
     labels: Annotated[
         Path | None,

@@ -43,11 +43,11 @@ class Asked:
         """Raise SettingsError for maps that are no files, and for options that are not for them."""
         for name in self.maps:
             if not name.endswith(ENDING):
-                raise SettingsError(f"--map {name} does not go with a map in a file: name only files, or none", "map")
+                raise SettingsError(f"--map {name} cannot be combined with map files: give only files, or none", "map")
         for option, value in others.items():
             if value:
                 raise SettingsError(
-                    f"{option} is not for a map in a file: the scans of the source are looked for as they are",
+                    f"{option} cannot be combined with map files: the scans are used with all their returns",
                     option.lstrip("-"),
                 )
         for source in self.sources:

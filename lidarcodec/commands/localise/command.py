@@ -43,7 +43,7 @@ def localise(
             "--map",
             metavar="MAP.lcmap|NAME",
             show_default=False,
-            help="A map of `map build` or `map compress`, or for a live stream the name of one that is served.",
+            help="A map from `map build` or `map compress`; for a live stream also the name of a served map.",
         ),
     ],
     start: Annotated[
@@ -51,12 +51,15 @@ def localise(
         Option(
             "--start",
             metavar="X,Y,YAW",
-            help="Where the sensor is about, in metres and degrees of the map, to 5 m and 20 degrees. Default: the key "
-            "`odometry` of the stream, or a search over the whole map.",
+            help="Rough pose of the sensor in the map, in metres and degrees; 5 m and 20 degrees off is close "
+            "enough. Default: the key `odometry` of the stream, or a search over the whole map.",
         ),
     ] = None,
     out: Annotated[
-        Path | None, Option("-o", "--out", metavar="POSES.txt", help="Write the poses in TUM's form, for --poses.")
+        Path | None,
+        Option(
+            "-o", "--out", metavar="POSES.txt", help="Write the poses in TUM format, for --poses of other commands."
+        ),
     ] = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,

@@ -114,7 +114,9 @@ def check_source(until_end: bool, receiver: str | None, given: tuple[Any, ...]) 
     names = ("--connect", "--listen", "--zenoh-config", "--until-end", "--receiver")
     for name, value in zip(names, (*given, until_end, receiver), strict=True):
         if value:
-            raise SettingsError(f"{name} is for a live stream, VEHICLE/SENSOR: a source is read here", name.lstrip("-"))
+            raise SettingsError(
+                f"{name} is only for a live stream (VEHICLE/SENSOR): leave it out for a source", name.lstrip("-")
+            )
 
 
 def check_live(calibration: Path | None, model: str | None, skip: int) -> None:
@@ -129,8 +131,8 @@ def of_source(asked: Asked, spec: str, calibration: Path | None, as_json: bool) 
     asked.check()
     if isinstance(asked.town, str):
         raise SettingsError(
-            f"'{asked.town}' is no file, and a map on the network is for a live stream: `lidarcodec map fetch "
-            f"{asked.town}` makes a file of it",
+            f"there is no map file '{asked.town}'. A served map works only with a live stream: `lidarcodec map "
+            f"fetch {asked.town}` saves it as a file",
             "map",
         )
     check_finite(spec, asked.frames, live_too=False)
@@ -153,7 +155,7 @@ def of_source(asked: Asked, spec: str, calibration: Path | None, as_json: bool) 
             poses.output.only_part()
     _tell(progress, poses, asked, None, as_json)
     if watched.cut:
-        raise StoppedError("stopped: the poses are of a part of the source")
+        raise StoppedError("stopped: the poses cover only a part of the source")
 
 
 def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: Given, as_json: bool) -> None:
@@ -224,7 +226,7 @@ def _served(asked: Asked, endpoints: Endpoints, stop: threading.Event) -> Iterat
             attended(source.manifest, source.stop, stop, lambda: f"waits {source.waiting}")
             windows = served_windows(source, place and place[:2], stop)
         except StoppedFetchError:
-            raise StoppedError("stopped before the map was there") from None
+            raise StoppedError("stopped before the map arrived") from None
         yield _Served(transport, windows, source)
 
 

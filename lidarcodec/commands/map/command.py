@@ -40,7 +40,9 @@ def _group() -> None:
 def build(
     sources: Annotated[
         list[str],
-        typer.Argument(metavar="SOURCE...", show_default=False, help="Drives. Several need poses in one frame."),
+        typer.Argument(
+            metavar="SOURCE...", show_default=False, help="Drives. Several drives need poses in a common frame."
+        ),
     ],
     out: Out,
     poses: Annotated[
@@ -67,16 +69,16 @@ def build(
         Option(
             "--origin",
             metavar="LAT,LON,HEADING",
-            help="Where the poses' origin lies, and the degrees of their x axis clockwise from north. The map "
-            "is then in UTM.",
+            help="Place of the origin of the poses, and the direction of their x axis in degrees clockwise from "
+            "north. The map is then in UTM.",
         ),
     ] = None,
     step: Annotated[
         float,
-        Option("--step", min=0.001, max=1.0, metavar="M", help="Step of coordinates; 50 m is a multiple of it."),
+        Option("--step", min=0.001, max=1.0, metavar="M", help="Step of coordinates. It must divide 50 m."),
     ] = 0.02,
     least_seen: Annotated[
-        int, Option("--least-seen", min=1, max=255, metavar="N", help="Leave out cells that fewer scans hit.")
+        int, Option("--least-seen", min=1, max=255, metavar="N", help="Leave out cells that fewer than N scans hit.")
     ] = 3,
     every: Annotated[int, Option("--every", min=1, max=1000, metavar="N", help="Use every N-th scan.")] = 1,
     frames: FrameCount = None,
@@ -104,7 +106,8 @@ def compress(
         Option("--keep", metavar="P%[,P%...]", help="Share of the points. Several write OUT-20.lcmap ..."),
     ] = None,
     size: Annotated[
-        int | None, Option("--bytes", min=1000, metavar="N", help="Instead keep as many points as N bytes hold.")
+        int | None,
+        Option("--bytes", min=1000, metavar="N", help="Instead of --keep: keep as many points as fit into N bytes."),
     ] = None,
     by: Annotated[
         str,
@@ -117,7 +120,7 @@ def compress(
     ] = "greedy",
     weights: Annotated[
         Path | None,
-        Option("--weights", metavar="FILE.npz", help="Of learned: weights that `train map-points` wrote."),
+        Option("--weights", metavar="FILE.npz", help="For learned: weights from `train map-points`."),
     ] = None,
     normals: Annotated[bool, Option("--normals/--no-normals", help="Whether to keep normals.")] = True,
     seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of random choices.")] = 1,
@@ -178,14 +181,14 @@ def serve(
 @app.command()
 @prints(MapFetched)
 def fetch(
-    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="A map that is served.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a served map.")],
     out: Out,
     around: Annotated[
         str | None, Option("--around", metavar="X,Y", help="Only the tiles near this place, in metres in the map.")
     ] = None,
     radius: Annotated[
         float | None,
-        Option("--radius", min=0.0, max=1e7, metavar="M", help="How far around. Default: 200."),
+        Option("--radius", min=0.0, max=1e7, metavar="M", help="Distance around that place. Default: 200."),
     ] = None,
     patience: Annotated[
         float,

@@ -51,7 +51,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     select = method(asked.by, asked.weights)
     outputs = asked.outputs(shares)
     if len(set(outputs)) < len(outputs):
-        raise SettingsError(f"--keep {asked.keep}: two shares are alike", "keep")
+        raise SettingsError(f"--keep {asked.keep}: give each share only once", "keep")
     for out in outputs:
         check_map_name(out, force=force)
         check_not_input(out, asked.source)

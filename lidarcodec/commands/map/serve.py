@@ -89,9 +89,11 @@ def run_fetch(wanted: Wanted, given: Given, *, force: bool, as_json: bool) -> No
         try:
             attended(lambda: fetch.run(folder), source.stop, stop, lambda: _progress(source, fetch))
         except StoppedFetchError:
-            raise StoppedError(f"what was fetched stays in {store.folder}: run the same command to go on") from None
+            raise StoppedError(
+                f"stopped: the fetched tiles stay in {store.folder}; run the same command again to continue"
+            ) from None
         if fetch.result is None:
-            raise SourceError("nothing was fetched")
+            raise SourceError("the map was not fetched: nothing was written")
         manifest, tiles = fetch.result
         with whole(wanted.out, force=force) as output, output.beside.open("w+b") as file:
             points = write_fetched(file, manifest, tiles, source.read)

@@ -74,7 +74,9 @@ class Rows:
         if not self._clipped and cloud["intensity"].max(initial=0) > top:
             self._clipped = True
             log.warning(
-                "intensities from frame %d on are clipped to %d, for the first sensor has 8 bits", frame.index, top
+                "intensities from frame %d on are clipped to %d, because those of the first sensor have 8 bits",
+                frame.index,
+                top,
             )
         rows["intensity"] = np.minimum(cloud["intensity"].astype(np.uint16), top)
         if frame.index > np.iinfo(np.int32).max:

@@ -96,25 +96,26 @@ def form_of(path: Path, name: str | None = None, *, folder: str | None = None, f
     ending = suffix(path)
     if NUMBERED.search(path.name):
         raise SettingsError(
-            f"{path} names no numbered files: a folder, with --as {name or ending[1:]}, gets a file for each frame"
+            f"{path} is not a pattern for numbered files: for one file a frame, give a folder and --as "
+            f"{name or ending[1:]}"
         )
     if name is None:
         name = folder if not ending else next((one.name for one in FORMS.values() if one.ending == ending), None)
         if name is None or (ending and FORMS[name].only_each):
             known = f"{' '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
             raise SettingsError(
-                f"cannot write {path}: its name must end in {known}; a folder, with --as FORMAT, gets a file for each "
-                "frame"
+                f"cannot write {path}: give a name that ends in {known}, or a folder and --as FORMAT for one "
+                "file a frame"
             )
     if name not in FORMS:
         raise UnknownNameError("format", name, dict.fromkeys((*further, *FORMS)))
     form = FORMS[name]
     if ending and (ending != form.ending or form.only_each):
         raise SettingsError(
-            f"--as {name} does not fit {path}: its name must end in {form.ending}, or be a folder", "as"
+            f"--as {name} does not fit {path}: give a name that ends in {form.ending}, or a folder", "as"
         )
     if not ending and not form.each:
-        raise SettingsError(f"--as {name} writes one file: {path} must end in {form.ending}", "as")
+        raise SettingsError(f"--as {name} writes a single file: {path} must end in {form.ending}", "as")
     return form
 
 

@@ -19,11 +19,11 @@ def pipe(
         typer.Argument(
             metavar="SOURCE",
             show_default=False,
-            help="A source. Default: `-`, a capture or messages on standard input.",
+            help="A source. Default: `-`, for a capture or messages on standard input.",
         ),
     ] = "-",
     form: Annotated[
-        str, Option("--to", metavar="FORMAT", help="What is written: messages, recording, pcap or points.")
+        str, Option("--to", metavar="FORMAT", help="Output: messages, recording, pcap or points.")
     ] = "messages",
     codec: CodecName = None,
     pairs: Pairs = None,

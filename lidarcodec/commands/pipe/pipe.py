@@ -181,7 +181,9 @@ def _check(spec: str, form: str, recodes: bool, standard: tuple[int, int]) -> No
     if form not in FORMS:
         raise UnknownNameError("format", form, FORMS)
     if recodes and form in OF_FRAMES:
-        raise SettingsError(f"--codec and --set are for messages: {form} has none", "codec")
+        raise SettingsError(
+            f"--codec and --set are only for messages and recordings: leave them out for {form}", "codec"
+        )
     if os.isatty(standard[1]):
         raise SettingsError("standard output is a terminal: pipe it into a program or a file", "to")
     if _is_nowhere(standard[1]):
@@ -216,7 +218,9 @@ def _opened(
                 feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
         for name, value in (("--calibration", calibration), ("--model", model)):
             if feed.source is None and value is not None:
-                raise SettingsError(f"{name} is for packets: messages hold what their sensor is", name.lstrip("-"))
+                raise SettingsError(
+                    f"{name} is only for packets: messages carry their own sensor and calibration", name.lstrip("-")
+                )
         yield feed
 
 
@@ -267,8 +271,7 @@ def _write_messages(coded: Iterable[bytes], writer: MessageOutput, done: _Done, 
 def _ends_within(most: int, before: int, frames: int) -> SettingsError:
     fit = " or ".join(str(count) for count in (before, before + frames) if count)
     return SettingsError(
-        f"--frames {most} ends within a message of {frames} frames, behind {before} passed on: give {fit}, or "
-        "--codec, which codes them again",
+        f"--frames {most} falls inside a message of {frames} frames: give --frames {fit}, or --codec to code it again",
         "frames",
     )
 
@@ -302,7 +305,9 @@ def _base(reader: RecordingReader) -> Iterator[bytes]:
     for _, data in reader.messages():
         yield data
     if refinements := reader.refinements.untaken():
-        log.warning("%d refinements were left out: what is passed on was coded within the base error", refinements)
+        log.warning(
+            "%d refinements were left out: the output holds the base of these frames, within base_error_m", refinements
+        )
 
 
 def _encoded(frames: Iterable[Frame], encoder: StreamEncoder) -> Iterator[bytes]:

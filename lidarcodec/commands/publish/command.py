@@ -69,7 +69,8 @@ def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
     if party.role != "vehicle" or given not in (None, party.name):
         as_whom = "publish" if given is None else f"publish as {given}"
         raise SettingsError(
-            f"{endpoints.config} belongs to {party.role} {party.name}, which is not allowed to {as_whom}", "vehicle"
+            f"{endpoints.config} is the configuration of {party.role} {party.name}, which is not allowed to {as_whom}",
+            "vehicle",
         )
     return party.name
 

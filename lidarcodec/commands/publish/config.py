@@ -156,7 +156,7 @@ class SensorConfig(_Strict):
         """
         mount = self.mount or mounts.get(self.name)
         if self.poses_of == "vehicle" and (mount is None or self.poses is None):
-            raise SettingsError("poses of the vehicle need `poses`, and `mount` or `mounts`", "poses_of")
+            raise SettingsError("`poses_of: vehicle` needs `poses`, and `mount` or `mounts`", "poses_of")
         return Mounted(mount, self.poses_of == "vehicle")
 
     def plan(self, mounts: Mapping[str, Mounting] = NOWHERE) -> SensorPlan:

@@ -111,7 +111,9 @@ def _region(text: str) -> Matrix:
         numbers = [numbers[0], numbers[1], -math.inf, numbers[2], numbers[3], math.inf]
     region = np.array(numbers).reshape(2, 3)
     if (region[0] >= region[1]).any():
-        raise SettingsError(f"--region {text} is empty: each least number must be below its greatest", "region")
+        raise SettingsError(
+            f"--region {text} is an empty box: each lowest number must be less than the highest one", "region"
+        )
     return region
 
 

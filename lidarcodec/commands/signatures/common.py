@@ -49,7 +49,8 @@ PosesOf = Annotated[
     Option(
         "--poses-of",
         metavar="sensor|vehicle",
-        help="Whose poses the file of --poses holds. Default: sensor. vehicle needs --mount.",
+        help="Whether the file of --poses has poses of the sensor or of the vehicle. Default: sensor. vehicle "
+        "needs --mount.",
     ),
 ]
 RecordedVehicle = Annotated[

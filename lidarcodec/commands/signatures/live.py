@@ -96,7 +96,7 @@ def publish(
         Option(
             "--keep",
             metavar="SIZE",
-            help="Keep the last hours exactly, for example 64GB of them. `lidarcodec fetch` gets parts.",
+            help="Keep the last hours exactly, in at most this size, for example 64GB. `lidarcodec fetch` gets parts.",
         ),
     ] = None,
     keep_dir: Annotated[
@@ -108,7 +108,8 @@ def publish(
         Option(
             "--mark-when",
             metavar="CONDITION",
-            help="Do not overwrite what was kept around such an event, such as 'worker_restarts grows'. Repeatable.",
+            help="Do not overwrite what was kept around such an event, for example 'worker_restarts grows'. "
+            "Repeatable.",
         ),
     ] = None,
     calibration: CalibrationFile = None,
@@ -223,7 +224,11 @@ def subscribe(
     with_clouds: WithClouds = False,
     refine: Annotated[
         bool,
-        Option("--refine", help="Take refinements of a stream with base_error_m: exact packets, up to a frame later."),
+        Option(
+            "--refine",
+            help="Also receive the refinements of a stream with base_error_m. Packets are then "
+            "exact, up to a frame later.",
+        ),
     ] = False,
     frames: FrameCount = None,
     until_end: UntilEnd = False,

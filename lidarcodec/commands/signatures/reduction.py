@@ -18,7 +18,8 @@ KeepPoints = Annotated[
     str | None, Option("--keep-points", metavar="N", help="Number of returns to keep of each frame.")
 ]
 KeepFraction = Annotated[
-    str | None, Option("--keep-fraction", metavar="X", help="Or the share of returns to keep, up to 1.")
+    str | None,
+    Option("--keep-fraction", metavar="X", help="Instead of --keep-points: share of the returns to keep, up to 1."),
 ]
 
 

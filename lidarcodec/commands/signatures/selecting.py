@@ -18,13 +18,15 @@ FromTime = Annotated[
         help="Begin here: seconds from the beginning, RFC 3339, or nanoseconds since 1970.",
     ),
 ]
-ToTime = Annotated[str | None, Option("--to", metavar="TIME", help="End before this time, written in the same ways.")]
+ToTime = Annotated[
+    str | None, Option("--to", metavar="TIME", help="End before this time, in the same forms as --from.")
+]
 Region = Annotated[
     str | None,
     Option(
         "--region",
         metavar="X,Y,Z,X,Y,Z",
-        help="Keep only points in this box: least, then greatest x, y and z in metres. Four numbers: x and y only.",
+        help="Keep only points in this box: lowest x, y and z, then highest, in metres. Four numbers: x and y only.",
     ),
 ]
 Transform = Annotated[

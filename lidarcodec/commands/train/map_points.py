@@ -58,7 +58,7 @@ def map_points(
 
     shares = shares_of("--keep", keep)
     if len(shares) > 1:
-        raise SettingsError(f"--keep {keep}: one share is trained on", "keep")
+        raise SettingsError(f"--keep {keep}: give one share only", "keep")
     check_free(weights, force=force)
     training_module("runs").limit_threads(threads)
     training = training_module("train_map_points")

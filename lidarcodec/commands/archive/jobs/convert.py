@@ -49,7 +49,7 @@ def convert(value: dict[str, Any], source: Store, target: Store) -> dict[str, An
         recording = folder / "recording.mcap"
         source.download(found["object"], recording)
         if sha256_of(recording) != found["sha256"]:
-            raise SourceError(f"{found['object']} is damaged: its checksum is not that of its commit")
+            raise SourceError(f"{found['object']} is damaged: its checksum is not the one that was written with it")
         out = _path(folder / "drive", form)
         frames, second = _bag(recording, out) if form == BAG else _frames(recording, out, form)
         if frames < found["frames"] and form != BAG:
