@@ -29,7 +29,7 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
     for field in changes:
         if field not in StreamSettings.model_fields:
             known = ", ".join(StreamSettings.model_fields)
-            raise SettingsError(f"unknown setting '{field}': known are {known}", field)
+            raise SettingsError(f"unknown setting '{field}': choose one of {known}", field)
     _check_no_path(settings, changes)
     return check(settings.changed(**changes))
 
@@ -43,7 +43,7 @@ def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
         ours = value == settings.codec_settings.get(name)
         if isinstance(value, str) and value and not ours and (not is_name(value) or value.endswith(".lcrw")):
             raise SettingsError(
-                f"codec_settings.{name} must be a name here, not a path: 1 to 64 of A-Z a-z 0-9 _ . - and no file "
-                "ending. Only the vehicle's own command line takes paths",
+                f"codec_settings.{name} must be a name, not a path (A-Z a-z 0-9 _ . -, at most 64 characters, "
+                "no file ending). Only the vehicle's own command line takes paths",
                 f"codec_settings.{name}",
             )

@@ -70,7 +70,7 @@ class Manager:
                 out.sendto(text.encode(), address)
         except (OSError, ValueError) as error:
             if not self._complained:
-                logger.warning("the service manager at %s cannot be told anything: %s", self._address, error)
+                logger.warning("the service manager at %s does not receive notifications: %s", self._address, error)
             self._complained = True
 
 
@@ -89,7 +89,7 @@ def told_ready(text: str, state: Callable[[], object], manager: Manager | None =
             try:
                 state()
             except Exception:  # it answered, so it is alive
-                logger.exception("the state of the service cannot be told")
+                logger.exception("the state of the service could not be sent to the service manager")
             manager.alive()
 
     manager.ready(text)

@@ -140,7 +140,7 @@ class BackgroundRecorder:
         if self._thread.is_alive():
             with self._condition:
                 self._own["unwritten"] = len(self._queue) + 1
-            logger.error("recording: the remaining data could not be written within %g s", CLOSE_LIMIT_S)
+            logger.error("--record: the last data could not be written within %g s", CLOSE_LIMIT_S)
         else:
             self._own.pop("unwritten", None)
         self._recorded.close()

@@ -94,7 +94,9 @@ class SpotCheck:
             self._thread.join(CLOSE_LIMIT_S)
         wrong, checked = self.counts[f"{self._what} wrong"], self.counts[f"{self._what} checked"]
         if wrong:
-            logger.warning("%s: %d checked frames were wrong after decoding, %d were right", self._what, wrong, checked)
+            logger.warning(
+                "%s: of the checked frames, %d were wrong after decoding and %d were right", self._what, wrong, checked
+            )
 
     def _may_begin(self, settings: StreamSettings, messages: Sequence[Message]) -> bool:
         """Whether a run may begin here. Not with codecs that have a decoder process, because their decoders may

@@ -184,7 +184,7 @@ class _Sensor:
             declared = answers_of(keeper, lambda: self._publisher).declare(self._network(self._stop))
         except TransportError as error:
             if not self._stop.is_set():
-                logger.warning("%s: what is kept cannot be fetched: %s", self.keys.prefix, error)
+                logger.warning("%s: kept data cannot be fetched from here: %s", self.keys.prefix, error)
             return
         while not self._stop.wait(TICK_S):
             pass

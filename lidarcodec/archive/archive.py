@@ -179,5 +179,5 @@ def span_of(between: tuple[Time, Time] | None) -> tuple[int, int] | None:
         return None
     first, last = map(time_ns, between)
     if first > last:
-        raise SettingsError("the first time is later than the last one", "between")
+        raise SettingsError("'from' is later than 'to'", "between")
     return first, last

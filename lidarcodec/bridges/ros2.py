@@ -146,7 +146,8 @@ class RosBridge:
         self.topics = {key: self.names.topic_of(key) for key in self._streams.keys}
         if len(set(self.topics.values())) < len(self.topics):
             raise SettingsError(
-                "two streams have the same topic: bridge one of them separately, with its own --topic", "topic"
+                "two streams have the same topic: bridge one of them with a separate command and its own --topic",
+                "topic",
             )
         Node(NODE, self.names.domain, "")  # what is wrong with it is said now
         self._ros_endpoints = ros or Endpoints.of(connect=ROUTER)

@@ -77,8 +77,8 @@ class RosSource(PacketSource):
             self._inbox.close()
             self._close_transport()
             raise SourceError(
-                f"no PointCloud2 came on {topic} from {router}: check topic, domain {domain} and, for ROS 2 Humble, "
-                "&distribution=humble"
+                f"no PointCloud2 arrived on {topic} from {router}: check the topic, domain {domain} and, for "
+                "ROS 2 Humble, &distribution=humble"
             )
         super().__init__(cloud_sensor([self._first]), live=True)
         self.label = f"ROS 2 topic {topic}"

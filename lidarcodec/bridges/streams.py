@@ -108,7 +108,7 @@ class Streams:
         count = second_returns(frame)
         if count and key not in self._two_returns:
             self._two_returns.add(key)
-            logger.warning("%s sends two returns of each beam: clouds hold the first ones", key.prefix)
+            logger.warning("%s sends two returns of each beam: clouds hold only the first", key.prefix)
         return count
 
     def summary(self) -> dict[str, dict[str, Any]]:

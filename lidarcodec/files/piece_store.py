@@ -78,7 +78,7 @@ class PieceStore:
             raise self._unusable(error) from None
         if hashlib.sha256(data).hexdigest() != name:
             path.unlink(missing_ok=True)
-            raise SourceError("a fetched piece was damaged on the disk, and was removed: fetch again")
+            raise SourceError("a fetched piece was damaged on the disk and removed: fetch again")
         return data
 
     def forget(self, names: Iterable[str]) -> None:

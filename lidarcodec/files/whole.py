@@ -144,7 +144,7 @@ class Whole:
         Raises SourceError if another program put something else in its place.
         """
         if _identity(beside) != self._identities[beside]:
-            raise SourceError(f"another program replaced {beside}: {self.path} was not written")
+            raise SourceError(f"{beside} was replaced by another program: {self.path} was not written")
         files = [beside]
         if beside.is_dir():
             files = [path for path in beside.iterdir() if path.is_file()] + files
@@ -235,7 +235,7 @@ class Whole:
     def _said(self, error: OSError) -> LidarCodecError:
         if isinstance(error, FileExistsError):
             taken = error.filename2 or self.path
-            return SourceError(f"{taken} was created by another program just now: it was kept, and nothing was written")
+            return SourceError(f"another program has just created {taken}, which was kept: nothing was written")
         if isinstance(error, FileNotFoundError) and not self.path.parent.exists():
             return SourceError(f"cannot write {self.path}: there is no folder {self.path.parent}")
         return SourceError(f"cannot write {self.path}: {error.strerror or error}")
@@ -298,9 +298,7 @@ def check_free(path: Path, *, force: bool = False, contents: re.Pattern[str] | N
         found = os.lstat(path)
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:  # else that would be found when all is written
-            raise SettingsError(
-                f"{path.name}: this name is too long for the file system: choose a shorter one"
-            ) from None
+            raise SettingsError(f"the name {path.name} is too long for the file system: choose a shorter one") from None
         return
     kind = stat.S_IFMT(found.st_mode)
     if kind in (stat.S_IFIFO, stat.S_IFCHR) and contents is None:

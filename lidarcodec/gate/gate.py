@@ -70,7 +70,7 @@ class Gate:
             self._process = self._start()
         except OSError as error:
             self._close_listeners()
-            raise TransportError(f"the gate in front of TLS cannot be started: {error.strerror or error}") from None
+            raise TransportError(f"the gate of the TLS port cannot be started: {error.strerror or error}") from None
         self._thread = threading.Thread(target=self._run, name="lidarcodec gate", daemon=True)
         self._thread.start()
 
@@ -119,12 +119,12 @@ class Gate:
             self._process.wait()
             if self._closing.wait(AGAIN_S):
                 return
-            logger.warning("the gate in front of TLS ended with %s: starting it again", self._process.returncode)
+            logger.warning("the gate of the TLS port ended with %s and is started again", self._process.returncode)
             self._restarts += 1
             try:
                 process = self._start()
             except OSError as error:
-                logger.warning("the gate in front of TLS cannot be started: %s", error.strerror or error)
+                logger.warning("the gate of the TLS port cannot be started: %s", error.strerror or error)
                 continue
             with self._lock:
                 self._process = process
@@ -154,5 +154,6 @@ class Gate:
             if count > before and now_s - said_s >= SAY_S:
                 self._said[cause] = now_s, count
                 last = f", last {state['last_barred']}" if cause == "barred" and state["last_barred"] else ""
-                logger.warning("strangers at the TLS port: %d refused as %s%s; the status counts all further ones",
+                logger.warning("%d connections to the TLS port were refused: %s%s; further ones are only "
+                "counted in the status",
                                count - before, cause, last)  # fmt: skip

@@ -101,9 +101,9 @@ class Endpoints:
         if self.mode not in (None, "peer", "client", "router"):
             raise TransportError(f"mode must be peer, client or router, not '{self.mode}'")
         if self.mode == "client" and self.listen:
-            raise TransportError("a client cannot listen: leave out mode or listen")
+            raise TransportError("mode=client cannot listen: leave out mode or listen")
         if self.mode == "client" and not self.connect and self.config is None:
-            raise TransportError("a client needs an endpoint: give one with connect")
+            raise TransportError("mode=client needs an endpoint: give one with connect")
         if not 1 <= self.loopback_port <= 65535:
             raise TransportError(f"loopback_port must be 1 to 65535, not {self.loopback_port}")
         if self.config is not None and not self.config.is_file():

@@ -51,7 +51,9 @@ def put_behind(option: Callable[[str], Any]) -> Behind:
         return Behind(None, {})
     why_not = _obstacle(option, mode, endpoints)
     if why_not is not None:
-        logger.warning("no gate in front of the TLS port, because %s: strangers can bar everybody from it", why_not)
+        logger.warning(
+            "the TLS port is not protected by the gate, because %s: strangers can block it for everybody", why_not
+        )
         return Behind(None, {})
     inner: list[Any] = []
     with ExitStack() as held:

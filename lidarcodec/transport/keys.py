@@ -132,7 +132,7 @@ def check_key(key: str, *, wild: bool = False) -> str:
     """
     parts = key.split("/")
     if not key or not all(parts) or any(sign in key for sign in "?#$"):
-        raise TransportError(f"'{key}' is not a key: write parts with a single '/' between them, without ? # $")
+        raise TransportError(f"'{key}' is not a key: write names separated by single slashes, without ? # $")
     if any("*" in part and part not in ("*", "**") for part in parts):
         raise TransportError(f"'{key}' is not a key: * and ** must be whole parts")
     if not wild and "*" in key:

@@ -125,7 +125,7 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
         return
     thread.join(CLOSE_LIMIT_S)
     if thread.is_alive():
-        logger.warning("closing %s took more than %g s and was abandoned", what, CLOSE_LIMIT_S)
+        logger.warning("%s did not close within %g s and was abandoned", what, CLOSE_LIMIT_S)
 
 
 class _Declared:

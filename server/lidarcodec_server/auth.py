@@ -106,7 +106,9 @@ def _check_role(connection: HTTPConnection, client: Client) -> None:
         service = cast(Service, connection.app.state.service)
         service.metrics.refused("role")
         service.warnings.warning("%s of %s is a viewer and tried to change something", client.name, host(connection))
-        raise ProblemError(403, f"'{client.name}' is a viewer: this needs the token of an operator", "role")
+        raise ProblemError(
+            403, f"'{client.name}' is the token of a viewer: this needs the token of an operator", "role"
+        )
 
 
 def _token(connection: HTTPConnection) -> str | None:

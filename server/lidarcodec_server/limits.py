@@ -153,7 +153,7 @@ class Limits:
         with self._lock:
             full = self._running[client] >= SLOTS_A_CLIENT or self._running.total() >= SLOTS
             if full or self._changing[stream] >= SLOTS_A_STREAM:
-                raise TooManyError("too many requests are waiting for vehicles: try again", 1)
+                raise TooManyError("too many requests are waiting for answers of vehicles: try again", 1)
             self._running[client] += 1
             self._changing[stream] += 1
         try:

@@ -58,7 +58,7 @@ class TilePoints:
 def _points(data: bytes, head: Head) -> bytes:
     count = points_in(data)
     if count > MOST_DECODED:
-        raise SourceError(f"the tile has {count:,} points: tiles with more than {MOST_DECODED:,} are not drawn")
+        raise SourceError(f"the tile has {count:,} points, which are too many to draw: the limit is {MOST_DECODED:,}")
     tile = decode_tile(data, head.width, head.bits)
     steps = tile.steps[:: -(-count // MOST_DRAWN)]
     corner = np.array([tile.x * TILE_M, tile.y * TILE_M, 0.0])

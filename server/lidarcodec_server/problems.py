@@ -86,7 +86,7 @@ def unexpected(error: BaseException, what: str) -> ProblemError:
     instance = uuid.uuid4()
     logger.error("%s failed (%s)", what, instance, exc_info=error)
     return ProblemError(
-        500, "unexpected error; the log has details under this instance", instance=f"urn:uuid:{instance}"
+        500, "unexpected error; the server's log has details under this instance", instance=f"urn:uuid:{instance}"
     )
 
 

@@ -108,8 +108,8 @@ class Service:
             logger.info("there is no token: anybody who reaches this server can watch and change everything")
         elif not self.tokens.working:
             logger.warning(
-                "no valid token is left, but tokens are needed: create one with `lidarcodec token create NAME`, or "
-                "allow access without tokens with --open"
+                "all tokens were revoked, so nobody has access: create one with `lidarcodec token create NAME`, "
+                "or allow access without tokens with --open"
             )
         self.control.start()
         self.maps.start()
@@ -133,7 +133,7 @@ class Service:
         try:
             self.refusals.write()
         except StoreError as error:
-            logger.warning("some refused requests are missing in the audit log: %s", error)
+            logger.warning("some refused requests could not be written to the audit log: %s", error)
         self.store.close()
 
     def stream(self, keys: StreamKeys) -> Stream | None:
@@ -147,7 +147,9 @@ class Service:
         try:
             kept = self.store.all_desired()
         except StoreError as error:
-            self.warnings.warning("the list may lack streams that are away: %s", error)
+            self.warnings.warning(
+                "the list of streams may be incomplete, because the database cannot be read: %s", error
+            )
             kept = []
         seen = {stream.keys for stream in found}
         found += [Stream(keys) for keys in kept if keys not in seen]
@@ -169,7 +171,9 @@ class Service:
             self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
             name = "no stream" if keys is None else keys.prefix
-            self.warnings.warning("the audit log lacks an entry: %s of %s by %s: %s", action, name, who, error)
+            self.warnings.warning(
+                "an entry could not be written to the audit log: %s of %s by %s: %s", action, name, who, error
+            )
 
     # --- the network ------------------------------------------------------------------------------------------------
 

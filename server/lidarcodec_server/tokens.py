@@ -63,7 +63,9 @@ def create_token(store: Store, name: str, role: str, who: str = "") -> str:
     if role not in ("viewer", "operator"):
         raise SettingsError(f"a role must be viewer or operator, not '{role}'", "role")
     if name == "server":
-        raise SettingsError("the name 'server' is reserved: it is the server itself in the audit log", "name")
+        raise SettingsError(
+            "the name 'server' is reserved for the server itself in the audit log: choose another", "name"
+        )
     token = new_token()
     store.add_token(name, role, digest_of(token), who)
     return token
@@ -148,7 +150,7 @@ class TokenBook:
             if not self._loaded:
                 raise
             if not self._failing:
-                logger.warning("cannot read the tokens; tokens read before stay valid: %s", error)
+                logger.warning("cannot read the tokens (%s): the ones that were read before stay valid", error)
             self._failing, wait_s = True, FAILED_S
         self._due = time.monotonic() + wait_s
 
@@ -163,8 +165,7 @@ class TokenBook:
     def _latch(self, found: list[Token]) -> None:
         if self._tokens and not found:
             logger.error(
-                "the database has no tokens any more: nobody has access until a token is created, or the "
-                "database is restored"
+                "the database no longer has any token: nobody has access until you create one or restore the database"
             )
         self._tokens = found
         if any(token.digest not in self._past for token in found):

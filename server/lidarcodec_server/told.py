@@ -331,7 +331,7 @@ def check_settings_size(values: dict[str, Any]) -> None:
     try:
         read_object(json.dumps(values), MAX_SETTINGS_BYTES)
     except (ValueError, TypeError, RecursionError) as error:
-        raise SettingsError(f"these settings are not allowed: {error}") from None
+        raise SettingsError(f"the settings are not valid: {error}") from None
 
 
 def check_names(values: Any) -> None:
@@ -340,7 +340,7 @@ def check_names(values: Any) -> None:
     Raises SettingsError, with the same text whether the file exists or not.
     """
     if isinstance(values, str) and (values.startswith((".", "~")) or any(sign in values for sign in "/\\:\0")):
-        raise SettingsError("a setting must be a name here, not the path of a file", "codec_settings")
+        raise SettingsError("a setting must be a name, not the path of a file", "codec_settings")
     parts = values.values() if isinstance(values, dict) else values if isinstance(values, list) else ()
     for part in parts:
         check_names(part)

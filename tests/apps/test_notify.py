@@ -113,4 +113,4 @@ def test_a_manager_that_is_gone_costs_a_line_in_the_log(caplog, tmp_path):
     for _ in range(3):
         gone.alive()
     (record,) = caplog.records
-    assert "cannot be told anything" in record.getMessage()
+    assert "does not receive notifications" in record.getMessage()

@@ -100,7 +100,7 @@ def test_what_is_wrong_is_counted_and_said_once(monkeypatch, caplog) -> None:
         check.close()
     first, last = (record.message for record in caplog.records)
     assert first.startswith("recorded: pcodec did not keep frame 0: it was decoded with a range")
-    assert last == "recorded: 5 checked frames were wrong after decoding, 0 were right"
+    assert last == "recorded: of the checked frames, 5 were wrong after decoding and 0 were right"
 
 
 def test_a_publisher_that_records_checks_what_it_records_and_what_it_sends(tmp_path) -> None:

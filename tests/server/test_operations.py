@@ -132,10 +132,10 @@ async def test_a_setting_that_is_a_path_is_refused_with_the_same_words_whether_o
                 f"{STREAM}/settings?prepare=true", json={"codec": "riddle", "codec_settings": change}
             )
             assert answer.status_code == 422
-            assert answer.json()["detail"] == "a setting must be a name here, not the path of a file"
+            assert answer.json()["detail"] == "a setting must be a name, not the path of a file"
             body = {"settings": {"codec": "riddle", "codec_settings": change}}
             answer = await client.post("/api/v1/recordings/20261121T101500Z-3fa2c9/play", json=body)
-            assert answer.json()["detail"] == "a setting must be a name here, not the path of a file"
+            assert answer.json()["detail"] == "a setting must be a name, not the path of a file"
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])

@@ -136,7 +136,7 @@ async def test_a_clip_that_is_played_is_neither_deleted_nor_pushed_out(serving, 
         refused = await client.delete(where)
         assert (refused.status_code, refused.json()["type"]) == (409, "urn:lidarcodec:problem:busy")
         other = (await client.get(PAST, params=span(20, 39))).headers["location"]
-        assert "does not fit" in (await ended(client, other))["reason"]
+        assert "is too large" in (await ended(client, other))["reason"]
         assert (await client.get(PAST, params=span(0, 19))).status_code == 200
         give_back()
         other = (await client.get(PAST, params=span(20, 39))).headers["location"]
@@ -262,7 +262,10 @@ async def test_a_vehicle_that_kept_nothing_of_it_is_told(serving, keeping):
         await seen(client)
         where = (await client.get(PAST, params={"from": "1000", "to": "2000"})).headers["location"]
         told = await ended(client, where)
-        assert (told["state"], told["reason"]) == ("failed", "the vehicle kept nothing of this clip")
+        assert (told["state"], told["reason"]) == (
+            "failed",
+            "the vehicle has nothing from this time: ask for another, or see what it keeps",
+        )
         again = await client.get(PAST, params={"from": "1000", "to": "2000", "as": "fetch"})
         assert again.status_code == 202
         assert again.json()["id"] != told["id"], "what failed can be tried again"
@@ -277,7 +280,7 @@ async def test_clips_beyond_the_limit_push_out_the_oldest_and_never_exceed_it(se
             assert (await ended(client, where))["state"] == "complete"
         assert [one["from_ns"] for one in (await client.get(FETCHES)).json()] == [int(span(20, 39)["from"])]
         where = (await client.get(PAST, params=span(0, 55))).headers["location"]
-        assert "does not fit" in (await ended(client, where))["reason"]
+        assert "is too large" in (await ended(client, where))["reason"]
 
 
 async def test_a_client_gets_the_newest_fetches_of_its_stream_and_not_those_of_the_whole_fleet(serving, keeping):

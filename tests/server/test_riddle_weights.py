@@ -23,4 +23,4 @@ async def test_weights_of_another_name_are_not_there(serving):
         answer = await client.get(f"{WEIGHTS}/{'0' * 16}")
         assert (await client.get(f"{WEIGHTS}/NoHex")).status_code == 422
     assert answer.status_code == 404
-    assert answer.json()["detail"].endswith("they come with their stream")
+    assert answer.json()["detail"].endswith("they arrive with the stream that uses them")

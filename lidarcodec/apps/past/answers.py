@@ -141,7 +141,7 @@ class Answers:
         """Raises and counts TooOftenError if the rate limit is reached."""
         retry_s = self._take()
         if retry_s:
-            error = TooOftenError("the past is asked about", retry_s)
+            error = TooOftenError("kept data is requested", retry_s)
             self._once.add("questions refused", error)
             raise error
 

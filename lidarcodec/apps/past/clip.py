@@ -43,5 +43,5 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> Written:
                         writer.write(message)
                         frames += read.frame_count
                 except DecodeError as error:
-                    raise SourceError(f"the vehicle kept something else than messages: {error}") from None
+                    raise SourceError(f"the vehicle sent data that are not messages: {error}") from None
         return Written(file.tell(), frames)

@@ -40,7 +40,8 @@ class Condition:
         found = _FORM.fullmatch(text.strip())
         if found is None or len(text) > MAX_TEXT:
             raise SettingsError(
-                f"'{text[:80]}' is no condition: write FIELD > NUMBER, or FIELD grows, such as 'worker_restarts grows'",
+                f"'{text[:80]}' is not a condition: write FIELD > NUMBER, or FIELD grows, such as "
+                "'worker_restarts grows'",
                 "mark_when",
             )
         self.text = text.strip()

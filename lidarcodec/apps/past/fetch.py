@@ -104,7 +104,7 @@ class Fetch:
         for piece in self.plan.there:
             self._piece(piece)
         if not self.plan.there:
-            raise SourceError("the vehicle keeps nothing of this clip any more")
+            raise SourceError("the vehicle has overwritten this clip: nothing of it is left")
         return self.plan
 
     # --- the list ---------------------------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ class Fetch:
             told = self._ask_object({"ask": "pieces", "from": at_ns, "to": clip.to_ns})
             pieces, until_ns = told.get("pieces"), told.get("until_ns")
             if not isinstance(pieces, list):
-                raise SourceError("the vehicle's list of pieces makes no sense")
+                raise SourceError("the vehicle's list of pieces cannot be understood")
             if self.plan.add(pieces):
                 self.plan.store(self._plan_file)
                 self._gained_s, idle = time.monotonic(), 0
@@ -140,7 +140,7 @@ class Fetch:
             self._pause(1.0)
         self.waiting = None
         if not self.plan.pieces:
-            raise SourceError("the vehicle kept nothing of this clip")
+            raise SourceError("the vehicle has nothing from this time: ask for another, or see what it keeps")
         self.plan.listed = True
         self.plan.store(self._plan_file)
 
@@ -165,8 +165,8 @@ class Fetch:
             self._now = None
             if self._store.finish(piece.name):
                 return
-            logger.warning("a piece came with wrong bytes, and is fetched again")
-        raise SourceError(f"a piece came with wrong bytes {MAX_WRONG} times")
+            logger.warning("a part of the clip arrived damaged, and is fetched again")
+        raise SourceError(f"a part of the clip arrived damaged {MAX_WRONG} times: try again")
 
     def _part(self, piece: Piece, offset: int) -> bytes | None:
         """The next bytes of a piece; None if the vehicle does not keep it any more."""
@@ -181,7 +181,7 @@ class Fetch:
                 return None
             raise SourceError(f"the vehicle refuses: {reason_of(told)}")
         if not HEAD.size < len(answer) <= HEAD.size + most:
-            raise SourceError("the vehicle's answer makes no sense")
+            raise SourceError("the vehicle's answer cannot be understood")
         if len(answer) == HEAD.size + size:  # else the vehicle measured the room
             waited_s = HEAD.unpack_from(answer)[1] / 1e6
             self._parts.took(size, max(0.0, took_s - waited_s))

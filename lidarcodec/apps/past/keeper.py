@@ -64,7 +64,7 @@ def bytes_of(text: str) -> int:
         number, letter, binary = found.groups()
         size = float(number) * (1024 if binary else 1000) ** " kmgt".index(letter.lower() or " ")
     if not MIN_BYTES <= size <= MAX_BYTES:
-        raise SettingsError(f"'{text}' is no size to keep: write for example 64GB, from 8MiB to 1000TB", "keep")
+        raise SettingsError(f"'{text}' is not a size: write for example 64GB, from 8MiB to 1000TB", "keep")
     return int(size)
 
 
@@ -84,7 +84,7 @@ class Keep:
 def check_apart(record: Record | None, keep: Keep | None) -> None:
     """Raise SettingsError if a recorder and a keeper have one folder."""
     if record is not None and keep is not None and record.folder.resolve() == keep.folder.resolve():
-        raise SettingsError("--record and --keep need two folders: each deletes the oldest files of its own", "keep")
+        raise SettingsError("--record and --keep need different folders, because each deletes its oldest files", "keep")
 
 
 class Keeper:
@@ -149,7 +149,7 @@ class Keeper:
         if self._thread.is_alive():
             with self._condition:
                 self.once.counts["unwritten"] = len(self._queue) + 1
-            logger.error("keeping: the remaining frames could not be written within %g s", CLOSE_LIMIT_S)
+            logger.error("--keep: the last frames could not be written within %g s", CLOSE_LIMIT_S)
 
     def _recorder(self) -> RotatingRecorder:
         size = max(MIN_FILE_BYTES, min(MAX_FILE_BYTES, self.keep.max_bytes // 64))
@@ -190,7 +190,7 @@ class Keeper:
                 except LidarCodecError as error:
                     self.once.add("errors", error)
                 except Exception as error:  # an error in this program loses only this frame
-                    logger.exception("unexpected error while keeping")
+                    logger.exception("unexpected error while writing kept data")
                     self.once.add("errors", error)
         finally:
             self.kept.growing = None

@@ -65,7 +65,7 @@ class Kept:
         self._pieces: OrderedDict[tuple[str, int], list[Piece]] = OrderedDict()
         self._read: OrderedDict[str, bytes] = OrderedDict()
         if self.marks.damaged:
-            logger.error("%s cannot be read: no file is deleted until it is repaired or removed", self.marks.path)
+            logger.error("%s cannot be read: no kept file is deleted until you repair or remove it", self.marks.path)
 
     def stays(self, path: Path) -> bool:
         """Whether a file must not be deleted: it has marked messages, or cannot be opened and may have some."""
@@ -220,7 +220,7 @@ class Kept:
                         return self._remembered(self._read, name, partial(read_piece, path, piece), PIECES_READ)
                     except (OSError, LidarCodecError) as error:
                         raise GoneError(f"the piece cannot be read: {error}") from None
-        raise GoneError("this piece is not kept any more")
+        raise GoneError("this piece has been overwritten")
 
     def _remembered(self, known: OrderedDict[Any, T], key: object, read: Callable[[], T], most: int) -> T:
         with self._lock:

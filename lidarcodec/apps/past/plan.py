@@ -130,4 +130,4 @@ def piece_of(told: Any) -> Piece:
             piece = Piece(told["name"], begin_ns, end_ns, size, frames)
             if piece.begin_ns <= piece.end_ns and piece.size:
                 return piece
-    raise SourceError("the vehicle's list of pieces makes no sense")
+    raise SourceError("the vehicle's list of pieces cannot be understood")

@@ -120,7 +120,7 @@ class CodecChooser:
         try:
             self._chosen(asked, found.codec)
         except LidarCodecError as error:
-            logger.warning("codec auto cannot be %s: %s", found.codec, error)
+            logger.warning("codec auto chose %s, which cannot be used: %s", found.codec, error)
 
     def _duration_s(self, frame: Frame) -> float:
         """Time from a frame to the next one."""
@@ -144,7 +144,7 @@ class CodecChooser:
             try:
                 times[name] = encode_ms(settings, frame, budget_ms)
             except Exception as error:  # after any error the next codec is tried
-                logger.warning("codec auto: %s could not encode a frame: %s", name, error)
+                logger.warning("codec auto tried %s, which could not encode a frame: %s", name, error)
                 continue
             if self._closed or times[name] <= budget_ms or time.monotonic() > end:
                 break

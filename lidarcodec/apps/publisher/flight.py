@@ -394,7 +394,7 @@ class SlowerWarning:
             return
         self._warned.add(name)
         logger.warning(
-            "the stream now waits for receiver %s, which slows it down: its reports take %.2f s, those of %s took "
-            "%.2f s; to change that, set follow=%s",
+            "the stream now waits for receiver %s, which is slower: its reports take %.2f s, those of %s took "
+            "%.2f s. To wait for the faster one, set follow=%s",
             *(name, usual_s, before, before_s, before),
         )

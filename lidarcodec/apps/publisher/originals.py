@@ -28,7 +28,8 @@ def check_local(endpoints: Endpoints) -> None:
     """Raise SettingsError if originals would leave the machine: they need 50 Mbit/s, and no setting limits that."""
     if not endpoints.on_this_machine:
         raise SettingsError(
-            "--original sends uncompressed frames on this machine only: leave it out, or connect to 127.0.0.1",
+            "--original works only on this machine, because frames are uncompressed: leave it out, or connect "
+            "to 127.0.0.1",
             "original",
         )
 

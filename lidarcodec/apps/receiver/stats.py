@@ -92,7 +92,7 @@ class ReceiverStats:
                     self.counts["second_publisher"] += 1
                     if self.counts["second_publisher"] == 1:
                         logger.warning(
-                            "two publishers use the same name: rename one of them with --vehicle or --sensor"
+                            "two publishers use the same name: give one of them another with --vehicle or --sensor"
                         )
                 self._stream_id = message.stream_id
                 self.clocks.restarted()

@@ -80,7 +80,7 @@ def target_of(text: str) -> Target:
         beside = POSITION_PORTS.get(data[1])
         return Target(family, data, None if beside is None else (data[0], beside))
     if name != "position" or (port != "off" and not is_number(port, 65535, 1)):
-        raise SettingsError(f"cannot read '{text}': write HOST:PORT?position=PORT, or position=off", "udp")
+        raise SettingsError(f"cannot read '{text}': write HOST:PORT?position=PORT or HOST:PORT?position=off", "udp")
     return Target(family, data, None if port == "off" else (data[0], int(port)))
 
 
@@ -186,7 +186,13 @@ class UdpOut:
         if frame.side is None or not packets:
             return
         if frame.sensor.is_cloud:
-            self._once.add("no packets", SettingsError("point clouds that came as messages are not sent over UDP"))
+            self._once.add(
+                "no packets",
+                SettingsError(
+                    "this stream has point clouds, which cannot be sent as "
+                    "packets over UDP: use `bridge ros2` or --record"
+                ),
+            )
             return
         steps = due_s(frame.side)
         begin, excess = self._begin(frame.stamp_ns / 1e9, arrival_s)

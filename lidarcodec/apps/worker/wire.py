@@ -96,7 +96,7 @@ class Channel:
         kind, flag, number, size = HEAD.unpack(self.take(HEAD.size, end))
         limit = {Kind.MESSAGES: MAX_BODY, Kind.FRAMES: MAX_BODY, Kind.ENCODE: MAX_BODY, Kind.DECODE: MAX_MESSAGE}
         if size > limit.get(kind, MAX_TEXT) or flag > 1:
-            raise GarbledError(f"a head of kind {kind} has a body of {size} bytes: too large")
+            raise GarbledError(f"the body of a message of kind {kind} is too large: {size} bytes")
         return Head(kind, bool(flag), number, size)
 
     def take(self, size: int, end: float | None = None) -> bytes:

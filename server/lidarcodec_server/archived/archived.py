@@ -83,7 +83,7 @@ class Archived:
             await self._copy(segment, known)
             give_back = self._copies.borrow(segment)
         if give_back is None:  # others needed its room at once
-            raise BusyArchiveError("the room for copies of segments is in use: try again")
+            raise BusyArchiveError("the server's space for copies of segments is in use: try again")
         return self._copies.path(segment), give_back
 
     async def _copy(self, segment: str, known: Known | None) -> None:
@@ -131,14 +131,14 @@ class Archived:
         except TimeoutError:
             raise AwayArchiveError("the archive did not answer in time: try again, or ask for less") from None
         except FileNotFoundError as error:
-            self._warnings.warning("an object of the archive is lost: %s", error)
-            raise DamagedArchiveError("an object of the archive is lost; the log has its name") from None
+            self._warnings.warning("an object of the archive is missing: %s", error)
+            raise DamagedArchiveError("an object of the archive is missing; the server's log has its name") from None
         except OSError as error:
             self._warnings.warning("the archive does not answer: %s", error)
-            raise AwayArchiveError("the archive does not answer; the log has the reason") from None
+            raise AwayArchiveError("the archive does not answer; the server's log has the reason") from None
         except SourceError as error:
             self._warnings.warning("the archive is damaged: %s", error)
-            raise DamagedArchiveError("the archive is damaged here; the log has the reason") from None
+            raise DamagedArchiveError("this part of the archive is damaged; the server's log has the reason") from None
 
 
 async def _in_time(running: asyncio.Future[T], limit_s: float) -> T:

@@ -121,7 +121,7 @@ class Copies:
             with self._lock:
                 self._unwritten[segment] = size - count
         if count != size or digest.hexdigest() != value["sha256"]:
-            raise SourceError(f"{name} is damaged: it is not what its commit says")
+            raise SourceError(f"{name} is damaged: its size or checksum is not the one that was written with it")
 
     def close(self) -> None:
         """Remove all copies. Those under way end soon."""
@@ -134,7 +134,7 @@ class Copies:
     def _make_room(self, segment: str, size: int) -> None:
         """Reserve room for a copy, which is in use then. Copies that nobody uses go, the oldest use first."""
         if size > self._max_bytes:
-            raise FullError("the segment is larger than all copies at the server may be: use `archive get` instead")
+            raise FullError("the segment is too large for the server's space for copies: use `archive get` instead")
         with self._lock:
             for other in [one for one in self._sizes if not self._used[one]]:
                 if self._fits(size):
@@ -142,7 +142,7 @@ class Copies:
                 self.path(other).unlink(missing_ok=True)
                 del self._sizes[other]
             if not self._fits(size):
-                raise FullError("there is no room for a copy of the segment at the server: try again later")
+                raise FullError("the server has no space for a copy of the segment: try again later")
             self._sizes[segment] = self._unwritten[segment] = size
             self._used[segment] += 1
 

@@ -69,7 +69,7 @@ def place_of(text: str) -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not (abs(x) <= 1e8 and abs(y) <= 1e8):
-        raise SettingsError(f"'{text[:64]}' is no place: write X,Y in metres, for example 120,-35.5", "around")
+        raise SettingsError(f"'{text[:64]}' is not a place: write X,Y in metres, for example 120,-35.5", "around")
     return x, y
 
 
@@ -100,7 +100,7 @@ def find(archive: Archive, wanted: Wanted, warn: Warn = logger.warning) -> Page:
     except SettingsError as error:  # the query is ours: types in the tables are wrong
         raise SourceError(str(error)) from None
     if any(value is None for row in rows for value in (*row[:8], row[9])) or not all(is_id(row[0]) for row in rows):
-        raise SourceError("the archive has a damaged table: a column is empty, or an id is none")
+        raise SourceError("the archive has a damaged table: a value is missing, or an id is not valid")
     found = [Found._make(row) for row in rows]
     shown = found[: wanted.limit]
     more = len(found) > len(shown)
@@ -122,7 +122,7 @@ def _sql(wanted: Wanted) -> str:
     if wanted.after is not None:
         at = _AFTER.fullmatch(wanted.after)
         if at is None:
-            raise SettingsError("'after' is no place in the list: give the `next` of an answer", "after")
+            raise SettingsError("'after' is not valid: give the `next` of an earlier answer", "after")
         having.append(f"(min(stamp_ns), segment) < ({int(at[1])}, {text_of(at[2])})")
     return (
         f"SELECT segment, {_TEXT.format('vehicle')}, {_TEXT.format('sensor')}, "

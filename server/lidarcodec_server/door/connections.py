@@ -185,7 +185,7 @@ class Connections:
     def end(self, reason: str, address: str, why: str) -> None:
         """Count and log a connection that its protocol ends because of its client. reason: one of REASONS"""
         self.ended[reason] += 1
-        self._logs[reason].warning("a connection of %s was closed: %s", host_of(address), why)
+        self._logs[reason].warning("a connection from %s was closed: %s", host_of(address), why)
 
     def _place(self, host: str) -> Place:
         ordinary, reserved = self._counts["ordinary"], self._counts["reserved"]
@@ -220,7 +220,7 @@ class Connections:
     def _note(self, reason: str, host: str) -> None:
         self.ended[reason] += 1
         count = self._counts["ordinary"][host]
-        self._log.warning("%s holds %d connections of %d: a connection %s", host, count, len(self._held), reason)
+        self._log.warning("%s has %d of the %d open connections: a connection %s", host, count, len(self._held), reason)
 
 
 class ConnectionMetrics(Collector):

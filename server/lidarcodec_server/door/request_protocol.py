@@ -58,18 +58,18 @@ class Parser(h11.Connection):
         if isinstance(event, h11.Request | h11.EndOfMessage):
             taken = waiting - len(self._receive_buffer)
             if taken > MAX_HEAD_BYTES or len(event.headers) > MAX_HEADERS:
-                raise h11.RemoteProtocolError("the head is too large", TOO_LARGE)
+                raise h11.RemoteProtocolError("the headers of the request are too large", TOO_LARGE)
         if isinstance(event, h11.Request):
             self._chunks = self._bytes = 0
             if {b"content-length", b"transfer-encoding"} <= {name for name, _ in event.headers}:
-                raise h11.RemoteProtocolError("a body of two lengths")
+                raise h11.RemoteProtocolError("the request has both Content-Length and Transfer-Encoding")
         elif isinstance(event, h11.Data):
             self._chunks += event.chunk_start
             self._bytes += len(event.data)
             if self._chunks > CHUNKS + self._bytes // CHUNK_BYTES:
-                raise h11.RemoteProtocolError("a body in too many chunks")
+                raise h11.RemoteProtocolError("the body of the request has too many chunks")
             if self.our_state is h11.DONE and self._bytes > LATE_BYTES:
-                raise h11.RemoteProtocolError("a body that nobody reads")
+                raise h11.RemoteProtocolError("the request has a body that is not expected")
         return event
 
 

@@ -155,7 +155,7 @@ class Control:
         StoreError, BusyError. Then nothing was changed.
         """
         if not changes:
-            raise SettingsError("no setting is given: name at least one")
+            raise SettingsError("no setting is given: give at least one")
         check_settings_size(changes)
         check_names(changes.get("codec_settings"))
         with self._turn(keys):
@@ -233,7 +233,7 @@ class Control:
         data = self._ask(keys.control_keyframe, {}, self._answer_s) if stream is not None and stream.alive else None
         first = None if data is None else first_frame(data)
         if data is None or first is None:
-            raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or does not answer")
+            raise AwayError(f"{keys.vehicle}/{keys.sensor} is not connected, or does not answer")
         return {"first_frame": first, "merged": data.get("merged") is True}
 
     # --- vehicles that come back ------------------------------------------------------------------------------------
@@ -348,7 +348,9 @@ class Control:
             else:
                 self._store.finish(entry, "applied", applied.settings.model_dump(), first_frame=applied.first_frame)
         except LidarCodecError as error:
-            logger.warning("%s: the result of entry %d is missing in the audit log: %s", keys.prefix, entry, error)
+            logger.warning(
+                "%s: the result of entry %d could not be written to the audit log: %s", keys.prefix, entry, error
+            )
 
     # --- queries to vehicles ----------------------------------------------------------------------------------------
 
@@ -368,7 +370,7 @@ class Control:
             return None
         if "retry_s" in answer:
             reason = _reason_text(answer.get("error"))
-            self._warnings.warning("%s accepts no more changes for now: %s", keys.prefix, reason)
+            self._warnings.warning("no more changes are sent to %s for now: %s", keys.prefix, reason)
             return None
         if "error" in answer:
             field = answer.get("field")
@@ -407,7 +409,9 @@ class Control:
             self._turns[keys] = lock, users + 1
         try:
             if not lock.acquire(timeout=TURN_S):
-                raise BusyError(f"other changes of {keys.vehicle}/{keys.sensor} are still running: try again later")
+                raise BusyError(
+                    f"other changes of the settings of {keys.vehicle}/{keys.sensor} are still running: try again later"
+                )
             try:
                 yield
             finally:

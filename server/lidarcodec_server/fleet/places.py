@@ -79,7 +79,7 @@ class Places:
             why = f"its vehicle already has {self._max_sensors} sensors, which is the limit (--max-sensors)"
         else:
             why = f"there are already {self._max_streams} streams, which is the limit (--max-streams)"
-        self._warnings.warning("%s/%s is left out: %s", keys.vehicle, keys.sensor, why)
+        self._warnings.warning("stream %s/%s is not shown: %s", keys.vehicle, keys.sensor, why)
         self.wait(keys)
 
     def _room(self, keys: StreamKeys, streams: dict[StreamKeys, Stream], *, tells: bool) -> Stream | bool:

@@ -45,7 +45,7 @@ def coded(data: bytes) -> Coded:
     at, calibration = head.header_bytes, b""
     for _ in range(head.section_count):
         if at + _SECTION.size > len(data):
-            raise DecodeError("a section is cut short", at)
+            raise DecodeError("a section of the message ends too early", at)
         kind, _, length = _SECTION.unpack_from(data, at)
         at += _SECTION.size
         if kind == SectionType.CALIBRATION:

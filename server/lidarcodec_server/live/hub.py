@@ -222,7 +222,7 @@ class LiveHub:
     async def _mend(self, watch: Watch, failure: object) -> Exception | None:
         """Replace a receiver that failed; the viewers stay. Returns what fails again."""
         self.counts["receivers failed"] += 1
-        logger.warning("%s: receiving starts again: %s", watch.keys.prefix, failure)
+        logger.warning("%s: receiving was interrupted and starts again: %s", watch.keys.prefix, failure)
         await self._loop.run_in_executor(self._openers, watch.close)
         await asyncio.sleep(MEND_S)
         try:

@@ -78,7 +78,9 @@ class Located:
         with self._lock:
             self._heard = {one: at for one, at in self._heard.items() if now - at < FORGET_S}
             if name not in self._heard and len(self._heard) >= MOST_PROGRAMS:
-                self._warnings.warning("more than %d programs say where %s is", MOST_PROGRAMS, self._keys.prefix)
+                self._warnings.warning(
+                    "more than %d programs send poses of %s: further ones are ignored", MOST_PROGRAMS, self._keys.prefix
+                )
                 return
             self._heard[name] = now
             planned = bool(self._newest)
@@ -100,7 +102,7 @@ class Located:
         self._next_s = self._loop.time() + PERIOD_S
         events = [event for name, data in newest.items() if (event := located_event(name, data)) is not None]
         if len(events) < len(newest):
-            self._warnings.warning("what came on %s is no pose", self._keys.pose())
+            self._warnings.warning("a message on %s is not a pose", self._keys.pose())
         if events:
             self._tell(events)
 

@@ -178,7 +178,7 @@ class Clips:
                 total -= record.size
                 logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
         if total + needed > self.max_bytes:
-            raise SourceError(f"the clip does not fit: all clips together may take {self.max_bytes // 2**20} MiB")
+            raise SourceError(f"the clip is too large: all clips together may take {self.max_bytes // 2**20} MiB")
 
     def check_share(self, record: Record, plan: Plan, done: list[Record]) -> None:
         """Raises SourceError if a clip that stays would take more than one vehicle may have of the room for all."""
@@ -231,7 +231,7 @@ class Clips:
         gaps = few([(int(begin), int(end)) for begin, end in told["gaps"]])
         edges = [clip.from_ns, *(edge for gap in gaps for edge in gap), clip.to_ns]
         if sorted(edges) != edges:
-            raise ValueError("gaps outside of the clip, or not in order")
+            raise ValueError("gaps are outside of the clip, or not in order")
         return gaps
 
     def _unusable(self, error: OSError) -> SourceError:

@@ -91,7 +91,7 @@ class Fetches:
                 else:
                     self._ended[record.id] = record
         except SourceError as error:
-            logger.warning("earlier fetches are not known: %s", error)
+            logger.warning("the list of earlier fetches cannot be read: %s", error)
         for thread in self._threads:
             thread.start()
 
@@ -121,7 +121,7 @@ class Fetches:
         with self._wake:
             found = self._ended.get(record.id)
             if found is None or found.state != "complete":
-                raise NoFetchError("the clip is not here: fetch it first")
+                raise NoFetchError("the server does not have this clip: fetch it first")
             self._read[record.id] += 1
         path = self._clips.clip_file(record)
 
@@ -131,7 +131,7 @@ class Fetches:
 
         if not path.is_file():
             give_back()
-            raise NoFetchError("the clip is not here any more: fetch it again")
+            raise NoFetchError("the server no longer has this clip: fetch it again")
         return path, give_back
 
     def running(self, clip: Clip) -> Record | None:
@@ -320,7 +320,7 @@ class Fetches:
         try:
             self._clips.write(record)
         except SourceError as error:
-            logger.warning("fetch %s ended as %s, and this cannot be stored: %s", record.id, state, error)
+            logger.warning("fetch %s is %s, but this could not be stored: %s", record.id, state, error)
         with self._disk:
             self._clips.forget_pieces(job.fetch.plan, others)
         for one in surplus:

@@ -61,9 +61,11 @@ class Marked:
                         self._fetch(stream.keys)
                         self._told[stream.keys] = marks
                     except LidarCodecError as error:
-                        self._warnings.warning("%s: marks cannot be fetched yet: %s", stream.keys.prefix, error)
+                        self._warnings.warning(
+                            "%s: its marked clips cannot be fetched yet: %s", stream.keys.prefix, error
+                        )
                     except Exception:
-                        logger.exception("%s: marks cannot be fetched", stream.keys.prefix)
+                        logger.exception("%s: its marked clips cannot be fetched", stream.keys.prefix)
 
     def _fetch(self, keys: StreamKeys) -> None:
         """Begin to fetch the clips of all marks that are new. Raises LidarCodecError if that must be tried again."""
@@ -72,9 +74,9 @@ class Marked:
         try:
             told: Any = {} if data is None else read_object(data, MAX_ANSWER).get("marks")
         except JsonRefusedError as error:
-            raise LidarCodecError(f"its answer cannot be read: {error}") from None
+            raise LidarCodecError(f"the vehicle's answer cannot be read: {error}") from None
         if not isinstance(told, list):
-            raise LidarCodecError("it does not answer")
+            raise LidarCodecError("the vehicle does not answer")
         known = {record.clip for record in self._fetches.all()}
         for mark in told[:MAX_MARKS]:
             clip = _clip_of(keys, mark)

@@ -115,7 +115,7 @@ async def segments(
     """Segments of the archive that have frames of a vehicle, a time and a place, the newest first."""
     from_ns, to_ns = _time(begin, "from"), _time(end, "to")
     if from_ns is not None and to_ns is not None and from_ns > to_ns:
-        raise SettingsError("the first time is later than the last one", "from")
+        raise SettingsError("'from' is later than 'to'", "from")
     place = None if around is None else place_of(around)
     with _problems():
         found = await archive.find(Wanted(vehicle, sensor, from_ns, to_ns, place, radius, limit, after))

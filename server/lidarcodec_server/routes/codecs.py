@@ -43,7 +43,9 @@ def riddle_weights(
     """A weight file of the codec `riddle` from the package, for programs that decode messages themselves."""
     found = shipped().get(name)
     if found is None:
-        raise ProblemError(404, f"this server has no weights {name}: they come with their stream", "weights")
+        raise ProblemError(
+            404, f"this server does not have the weights {name}: they arrive with the stream that uses them", "weights"
+        )
     return Response(found.data, media_type="application/octet-stream", headers=FOR_EVER)
 
 

@@ -93,9 +93,7 @@ def one_map(
     if _is_had(request, manifest.version):
         return Response(status_code=304, headers=headers)
     if (x is None) != (y is None):
-        raise ProblemError(
-            422, "x and y belong together: give both, or none", "request", field="y" if y is None else "x"
-        )
+        raise ProblemError(422, "give both x and y, or neither", "request", field="y" if y is None else "x")
     tiles = manifest.tiles
     if x is not None and y is not None:
         tiles = tuple(tile for _, tile in manifest.near(x, y, radius))

@@ -63,7 +63,7 @@ def asset(request: Request, name: str) -> Response:
 def _file(request: Request, name: str) -> Response:
     file = web_files().get(name)
     if file is None:
-        raise ProblemError(404, f"there is no '{name}': reload the page, it may be from another version")
+        raise ProblemError(404, f"there is no '{name}': reload the page, which may be of an older version")
     headers = {"Cache-Control": file.cache_control, "ETag": file.etag, "Vary": "Accept-Encoding"}
     if file.name.endswith((".html", ".svg")):
         headers["Content-Security-Policy"] = POLICY

@@ -380,7 +380,7 @@ def _ask(service: Service, key: str, question: dict[str, Any]) -> dict[str, Any]
 def _told(told: dict[str, Any] | None, keys: StreamKeys) -> dict[str, Any]:
     """The answer itself. Raises AwayError, RefusedError."""
     if told is None:
-        raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or keeps nothing")
+        raise AwayError(f"{keys.vehicle}/{keys.sensor} is not connected, or does not keep data (publish --keep)")
     if "error" in told:
         raise RefusedError(str(told["error"])[:500], str(told.get("field") or "mark")[:100])
     return told

@@ -34,7 +34,7 @@ async def snapshot(
     """The newest frame as PNG, at most a second old without other viewers."""
     keys = known.keys
     if not known.alive:
-        raise ProblemError(503, f"{keys.vehicle}/{keys.sensor} is away", "vehicle-away", {"Retry-After": "5"})
+        raise ProblemError(503, f"{keys.vehicle}/{keys.sensor} is not connected", "vehicle-away", {"Retry-After": "5"})
     picture = await hub.snapshot(keys, view, fill=fills)
     if picture is None:
         raise ProblemError(504, f"no frame of {keys.vehicle}/{keys.sensor} arrived in time", "no-frame")

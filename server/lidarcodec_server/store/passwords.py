@@ -28,7 +28,7 @@ def with_password(url: str | None, file: Path) -> str:
     except UnicodeDecodeError:
         password = ""
     if not password:
-        raise SettingsError(f"{file} has no password in its first line", "database_password_file")
+        raise SettingsError(f"the first line of {file} must be the password", "database_password_file")
     try:
         parsed = sa.make_url(url or "")
     except ArgumentError:

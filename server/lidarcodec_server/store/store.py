@@ -140,7 +140,7 @@ class Store:
                 self._need(connection)
                 self._enter(connection, None, who, "token-create", {"token": name, "role": role}, None, result="done")
         except _TakenError:
-            raise SettingsError(f"token '{name}' existed before: choose another name", "name") from None
+            raise SettingsError(f"a token '{name}' exists or existed before: choose another name", "name") from None
         self._write_note()
 
     def revoke_token(self, name: str, who: str = "") -> bool:
@@ -288,7 +288,9 @@ class Store:
             return
         count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
         if count >= self._max_streams:
-            raise SettingsError(f"settings of {count} streams are stored, which is the limit: remove some first")
+            raise SettingsError(
+                f"settings of {count} streams are stored, which is the limit: delete some first (DELETE .../settings)"
+            )
         try:
             with connection.begin_nested():
                 connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
@@ -377,10 +379,10 @@ class Store:
         except IntegrityError:
             raise _TakenError("this name is already used") from None
         except _RestsError as error:
-            raise StoreError(f"the database {self.name}: {error}") from None
+            raise StoreError(f"the database {self.name} failed: {error}") from None
         except SQLAlchemyError as error:
             reason = error.orig if isinstance(error, DBAPIError) else error
-            raise StoreError(f"the database {self.name}: {' '.join(str(reason).split())}") from None
+            raise StoreError(f"the database {self.name} failed: {' '.join(str(reason).split())}") from None
 
 
 class _RestsError(Exception):

@@ -194,7 +194,7 @@ def test_wrong_bytes_on_disk_and_from_the_network_are_found_by_their_hash(
     check_exact(first, tmp_path)
     vehicle.spoils = lambda answer: answer[:-1] + bytes([answer[-1] ^ 1]) if answer[0] == PART else answer
     second = fetching(tmp_path / "second", near)
-    with pytest.raises(SourceError, match="wrong bytes 3 times"):
+    with pytest.raises(SourceError, match="arrived damaged 3 times"):
         second.run()
     assert not list((tmp_path / "second").glob("*.piece"))
 

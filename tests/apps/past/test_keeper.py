@@ -175,7 +175,7 @@ def test_a_condition_on_the_status_marks_the_time_around_it_once(tmp_path: Path)
 
 @pytest.mark.parametrize("text", ["", "x", "x > y", "x > 1 > 2", "x ! 3", "> 3", "x grows more", "x" * 300 + " grows"])
 def test_conditions_that_are_none(tmp_path: Path, text: str) -> None:
-    with pytest.raises(SettingsError, match="is no condition"):
+    with pytest.raises(SettingsError, match="is not a condition"):
         Keeper(Keep(tmp_path, SMALL, (text,)), KEYS)
 
 
@@ -211,7 +211,7 @@ def test_a_disk_that_fails_again_and_again_costs_no_handles(tmp_path: Path, monk
 
 def test_a_recorder_and_a_keeper_have_folders_of_their_own(tmp_path: Path) -> None:
     """Each would delete the files of the other, marked ones too."""
-    with pytest.raises(SettingsError, match="two folders"):
+    with pytest.raises(SettingsError, match="different folders"):
         check_apart(Record(tmp_path / "a" / ".." / "b"), Keep(tmp_path / "b", SMALL))
     check_apart(Record(tmp_path / "a"), Keep(tmp_path / "b", SMALL))
 
