@@ -45,7 +45,7 @@ def test_a_segment_is_found_played_and_downloaded(archived, page_of, tmp_path):
 
     archive.get_by_label("Vehicle").fill("car-8")
     archive.get_by_role("button", name="Search").click()
-    expect(archive).to_contain_text("nothing like that")
+    expect(archive).to_contain_text("No segment fits this search")
     archive.get_by_label("Vehicle").fill("")
     archive.get_by_label("Place X").fill("1")
     archive.get_by_role("button", name="Search").click()

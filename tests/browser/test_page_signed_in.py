@@ -69,7 +69,7 @@ def test_a_token_that_is_revoked_ends_the_session_and_says_so(secured, page_of):
     sign_in(page, secured.token("guest", "viewer"))
     expect(page).to_have_title(POINTS)
     secured.revoke("guest")
-    expect(page.get_by_role("alert")).to_have_text("The token does not work any more.")
+    expect(page.get_by_role("alert")).to_have_text("This token is no longer valid.")
     expect(page.get_by_role("button", name="Sign in")).to_be_visible()
     expect(page).to_have_title("lidarcodec")
     page.complaints.clear()

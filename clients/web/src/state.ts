@@ -78,7 +78,7 @@ export async function call<T>(
     if (error instanceof Problem) {
       if (error.away) awaySince.value ??= Date.now();
       else awaySince.value = null;
-      if (error.status === 401 && !signedOut()) signOut("The token does not work any more.");
+      if (error.status === 401 && !signedOut()) signOut("This token is no longer valid.");
     }
     throw error;
   }
@@ -129,7 +129,7 @@ export async function begin(): Promise<void> {
       return;
     } catch (error) {
       if (error instanceof Problem && error.status === 401) {
-        signOut("The token does not work any more.");
+        signOut("This token is no longer valid.");
         return;
       }
       awaySince.value ??= Date.now();

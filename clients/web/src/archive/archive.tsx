@@ -102,7 +102,7 @@ export function Archive() {
           {missing(found.value.lost)}
         </p>
       )}
-      {found.value?.segments.length === 0 && <p class="quiet pad">The archive has nothing like that.</p>}
+      {found.value?.segments.length === 0 && <p class="quiet pad">No segment fits this search.</p>}
       <ul aria-label="Segments of the archive, newest first">
         {found.value?.segments.map((one) => (
           <li key={one.segment}>

@@ -31,8 +31,8 @@ test("a server that refuses is quoted", () => {
 test("an old picture says since when and why", () => {
   const old = { ...LIVE, silent_s: 4, stale: true };
   expect(noticeOf(old, "car-7/lidar", [THERE], { alive: false, ended: false })).toEqual([
-    "The picture is old: the vehicle is away.",
-    "last frame 4 s ago · the vehicle is away",
+    "The picture is old: the vehicle is not connected.",
+    "last frame 4 s ago · the vehicle is not connected",
   ]);
   expect(noticeOf({ ...old, connection: "waiting" }, "car-7/lidar", [THERE], THERE)[1]).toContain("no connection");
 });

@@ -41,7 +41,9 @@ function withoutPicture(
     return `No connection${told.problem ? `: ${told.problem}` : ""}. Trying again …`;
   }
   if (row?.alive === false) {
-    return row.ended ? "This stream has ended." : "The vehicle is away. Its picture appears as soon as it returns.";
+    return row.ended
+      ? "This stream has ended."
+      : "The vehicle is not connected. Its picture appears as soon as it returns.";
   }
   return "Waiting for the first frame …";
 }
@@ -49,5 +51,5 @@ function withoutPicture(
 function reasonOf(told: Told, row: Row | null): string {
   if (told.connection !== "open") return "no connection";
   if (row?.ended) return "it has ended";
-  return row?.alive === false ? "the vehicle is away" : "";
+  return row?.alive === false ? "the vehicle is not connected" : "";
 }

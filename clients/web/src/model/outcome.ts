@@ -29,7 +29,7 @@ export function sentenceOf(outcome: Outcome, frame: number | null): string {
   if (outcome.kind === "note") return outcome.text;
   if (outcome.kind === "refused") return `Refused: ${outcome.text}`;
   if (outcome.kind === "kept")
-    return `Stored: ${listOf(outcome.change)}. The vehicle is away and gets the change when it returns.${outcome.warning ? ` ${outcome.warning}` : ""}`;
+    return `Stored: ${listOf(outcome.change)}. The vehicle is not connected and gets the change when it returns.${outcome.warning ? ` ${outcome.warning}` : ""}`;
   if (outcome.kind === "none") return "";
   if (outcome.first === null) return `Applied: ${listOf(outcome.change)}.`;
   const shown = frame !== null && frame >= outcome.first ? " (now shown)" : "";

@@ -53,7 +53,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       {stream?.status?.sensor_model?.note && <p class="warn">{stream.status.sensor_model.note}</p>}
       {preparing && <p role="status">The vehicle is preparing {preparing} …</p>}
       {stream?.alive === false && (
-        <p class="warn">The vehicle is away. Changes are stored and sent to it when it returns.</p>
+        <p class="warn">The vehicle is not connected. Changes are stored and sent to it when it returns.</p>
       )}
       {state?.refused && (
         <p class="warn" role="alert">

@@ -112,7 +112,7 @@ export function Past({ name }: { name: string }) {
     if (last === null || why !== null) throw new Error(why ?? "The vehicle has kept nothing yet.");
     const { status, body } = await call<Clip>("GET", `${path}/past?from=${last.from}&to=${last.to}&as=fetch`);
     if (status === 200 || clips.value.some((one) => one.id === body.id))
-      throw new Error("The vehicle has kept nothing newer than a clip that is here or on its way.");
+      throw new Error("All that the vehicle has kept is in clips that are here or on their way.");
   }
 
   async function play(one: Clip) {
@@ -191,7 +191,7 @@ function Item({ one, off, cancel, play }: ItemProps) {
     <>
       <b>{name}</b>
       {one.state === "running" && (
-        <progress aria-label={`Fetched of ${name}`} max={100} {...(percent === null ? {} : { value: percent })} />
+        <progress aria-label={`Progress of ${name}`} max={100} {...(percent === null ? {} : { value: percent })} />
       )}
       <span class={one.state === "failed" ? "problem" : "quiet"}>{stateText(one)}</span>
       {one.state === "running" && (

@@ -57,7 +57,7 @@ test("what a vehicle told a while ago is shown with its time, and is not fetched
   expect([asOf(told, 1_010_000), obstacle(told, 1_010_000)]).toEqual(["", null]);
   expect(asOf(told, 1_030_000)).toMatch(/^ as of .*\d\d:\d\d:\d\d$/);
   expect(obstacle(told, 1_030_000)).toBeNull();
-  expect(obstacle(told, 1_700_000)).toMatch(/^The vehicle does not answer: what it keeps is known as of .* only\.$/);
+  expect(obstacle(told, 1_700_000)).toMatch(/^The vehicle does not answer: what is shown is what it kept as of .*\.$/);
   expect(obstacle({ ...told, toldMs: null }, 1_010_000)).toContain("not known");
   expect(obstacle(null, 1_010_000)).toContain("not known");
   expect(asOf(null, 1_010_000)).toBe("");

@@ -78,10 +78,10 @@ export function asOf(told: Told | null, nowMs: number): string {
 /** Why the last seconds cannot be fetched now; null if they can. */
 export function obstacle(told: Told | null, nowMs: number): string | null {
   if (told === null || told.toldMs === null || told.kept.vehicle === null)
-    return "The vehicle does not answer: what it keeps is not known.";
+    return "The vehicle does not answer, so it is not known what it keeps.";
   if (told.kept.vehicle.length === 0) return "The vehicle has kept nothing yet.";
   if (nowMs - told.toldMs <= TOO_OLD_MS) return null;
-  return `The vehicle does not answer: what it keeps is known${asOf(told, nowMs)} only.`;
+  return `The vehicle does not answer: what is shown is what it kept${asOf(told, nowMs)}.`;
 }
 
 /** Spans on a line that begins and ends at these times in ms. What is outside is left out. */
@@ -157,7 +157,7 @@ export function stateText(one: Clip): string {
     const [has, of] = [secondsOf(partsOf(one)), (one.to_ns - one.from_ns) / 1e9];
     return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle has nothing of the rest.`;
   }
-  if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was told"}`;
+  if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was given"}`;
   if (one.state === "cancelled") return "Cancelled.";
   const percent = percentOf(one.progress);
   if (one.progress?.waiting)

@@ -27,7 +27,7 @@ test("a part that is longer than a line is broken, and nothing falls off", () =>
 test("a caption that gets longer than its clip has room for gets smaller letters, and stays whole", () => {
   const parts = [
     "car-7/roof",
-    "The picture is old: the vehicle is away.",
+    "The picture is old: the vehicle is not connected.",
     "frame 7",
     "1,000 filled in",
     "box: 1 of 2 points",

@@ -13,7 +13,7 @@ const POINT_BYTES = 12;
 /** Points that the server gives of a tile at most. */
 const TILE_POINTS = 100_000;
 const PATIENCE_MS = 20_000;
-const NOT_FOUND = "The map is not drawn: it is not known where in it the sensor is.";
+const NOT_FOUND = "The map is not drawn: the place of the sensor in it is not known.";
 const NO_POSE = "The map is not drawn: this stream has no poses.";
 
 export interface MapTile {

@@ -18,7 +18,7 @@ export function rows(picked: readonly Picked[], ground: number, apart: Between |
   if (apart) {
     out.push(["distance", metres(apart.distance)], ["over the ground", metres(apart.flat)]);
     out.push(["height", metres(apart.up)]);
-    if (apart.uncertain) out.push(["Wrong if the vehicle moved: two frames, and no pose."]);
+    if (apart.uncertain) out.push(["Wrong if the vehicle moved: the points are of two frames without poses."]);
   }
   if (missed) out.push([MISSED]);
   if (picked.length === 0) return missed ? out : [[HINT]];

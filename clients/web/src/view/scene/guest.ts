@@ -79,7 +79,7 @@ export class Guest implements Sink {
     const { connection, problem, alive } = this.#source;
     const { silent_s } = this.#tally.stats(now);
     const told = problem && connection !== "open" ? [problem] : [];
-    if (silent_s === null) return told[0] ?? (alive === false ? "its vehicle is away" : "waiting for a frame");
+    if (silent_s === null) return told[0] ?? (alive === false ? "its vehicle is not connected" : "waiting for a frame");
     if (silent_s > SILENT_S) told.push(`no frame for ${Math.round(silent_s)} s`);
     return [...told, noteOf(this.placed, mainVehicle)].filter(Boolean).join("; ");
   }

@@ -69,10 +69,11 @@ const hex = (value: number) => value.toString(16).padStart(8, "0");
 export function parseFrame(data: ArrayBuffer): RangeFrame {
   const view = new DataView(data);
   if (data.byteLength < HEADER_BYTES || view.getUint32(0, true) !== MAGIC) {
-    throw new FrameError("the message is no range image");
+    throw new FrameError("the message is not a range image");
   }
   if (view.getUint16(4, true) !== 1) throw new FrameError(`format version ${view.getUint16(4, true)} is not known`);
-  if (view.getUint32(80, true) !== data.byteLength) throw new FrameError("the message is not as long as it says");
+  if (view.getUint32(80, true) !== data.byteLength)
+    throw new FrameError("the message does not have the length in its header");
   const header = view.getUint16(6, true);
   const flags = view.getUint16(42, true);
   const columns = view.getUint16(76, true);
