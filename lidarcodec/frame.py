@@ -144,7 +144,7 @@ class Frame:
         Raises LidarCodecError for a frame of another sensor: the caller takes only an HDL-64E.
         """
         if isinstance(self.side, PacketRest):
-            raise LidarCodecError(f"this takes only frames of an HDL-64E, not of a {self.sensor.name}")
+            raise LidarCodecError(f"this works only with frames of an HDL-64E, not of a {self.sensor.name}")
         return self.side
 
     @cached_property
@@ -154,7 +154,7 @@ class Frame:
         Raises LidarCodecError for a frame of another sensor.
         """
         if not self.sensor.is_hdl64e:
-            raise LidarCodecError(f"this takes only frames of an HDL-64E, not of a {self.sensor.name}")
+            raise LidarCodecError(f"this works only with frames of an HDL-64E, not of a {self.sensor.name}")
         return _read_only(self.range.astype(np.uint16), "range", np.uint16, self.range.shape)
 
     @property
@@ -200,4 +200,4 @@ class Frame:
 def several(given: object, function: str, kind: str) -> None:
     """Raise SettingsError if a single frame or message was given to a function that takes `kind`, many of them."""
     if isinstance(given, Frame | bytes):
-        raise SettingsError(f"{function} takes {kind}, one after the other: write [{kind[:-1]}] for a single one", kind)
+        raise SettingsError(f"{function} takes a sequence of {kind}: write [{kind[:-1]}] for a single one", kind)

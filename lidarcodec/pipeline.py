@@ -84,7 +84,7 @@ def check_offline(settings: StreamSettings) -> StreamSettings:
     Raises SettingsError for a setting that only a live stream can have.
     """
     if settings.target_kbps == AUTO:
-        raise SettingsError("target_kbps=auto works only in live streams: give a number of kbit/s here", "target_kbps")
+        raise SettingsError("target_kbps=auto works only with live streams: give a number of kbit/s", "target_kbps")
     without_auto(settings)
     return settings
 

@@ -127,7 +127,7 @@ class SensorModel:
     def only_hdl64e(self, what: str) -> None:
         """Raise SettingsError if it is another sensor. what: that takes only an HDL-64E, such as `annotate`"""
         if not self.is_hdl64e:
-            raise SettingsError(f"{what} takes only an HDL-64E, and this source is a {self.name}")
+            raise SettingsError(f"{what} works only with an HDL-64E, but this source is a {self.name}")
 
     @cached_property
     def laser_of_ring(self) -> npt.NDArray[np.intp]:

@@ -227,26 +227,29 @@ class StreamSettings(Described):
         if self.base_error_m is not None:
             if step_of(self.base_error_m) <= self.step:
                 raise ValueError(
-                    f"base_error_m={self.base_error_m:g} is not above what refinements reach: give a larger one than "
-                    "max_error_m, of at least 0.002 m"
+                    f"base_error_m={self.base_error_m:g} is too small: it must be larger than max_error_m, and "
+                    "at least 0.002 m"
                 )
             if self.codec == AUTO:
-                raise ValueError("codec auto sends one layer: name a codec with base_error_m")
+                raise ValueError("codec auto does not support base_error_m: choose a codec by name")
             if self.target_kbps is not None:
-                raise ValueError("base_error_m sets the bound of the base: leave target_kbps out")
+                raise ValueError("base_error_m cannot be combined with a target bitrate: leave out target_kbps")
             if self.reduces:
-                raise ValueError("refinements bring all returns: leave reduction out with base_error_m")
+                raise ValueError(
+                    "base_error_m cannot be combined with a reduction, because refinements bring "
+                    "all returns: leave out reduction"
+                )
         return self
 
     @model_validator(mode="after")
     def _whole_parts(self) -> StreamSettings:
         if self.parts > 1:
             if self.codec == AUTO:
-                raise ValueError(f"framing={self.framing} needs a codec by name")
+                raise ValueError(f"framing={self.framing} does not work with codec auto: choose a codec by name")
             if self.target_kbps is not None or self.base_error_m is not None or self.reduces:
                 raise ValueError(
-                    f"framing={self.framing} sends all that was measured: leave target_kbps, base_error_m and "
-                    "reduction out"
+                    f"framing={self.framing} sends every return exactly as settings say: leave out target_kbps, "
+                    "base_error_m and reduction"
                 )
         return self
 
@@ -346,8 +349,8 @@ def valid_name(name: str, what: str) -> str:
     """
     if not is_name(name):
         raise SettingsError(
-            f"{what} '{name[:80]}' is not a valid name: use at most {MAX_NAME} letters (A-Z a-z), digits, _ . or -, "
-            "and not dots alone",
+            f"{what} '{name[:80]}' is not a valid name: use 1 to {MAX_NAME} letters (A-Z a-z), digits, _ . or "
+            "-, and not only dots",
             what,
         )
     return name

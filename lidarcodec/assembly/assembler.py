@@ -191,7 +191,7 @@ class Assembler:
 
     def _check_size(self, size: int) -> None:
         if self._turns is None and size != PACKET_BYTES:
-            raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {size}")
+            raise PacketError(f"a packet must have {PACKET_BYTES} bytes, but this payload has {size}")
         if size > MAX_ODD_BYTES and not self.sensor.is_cloud:
             raise PacketError(f"a payload of {size} bytes: UDP ends at {MAX_ODD_BYTES}")
         if size > MAX_ODD_TOTAL:

@@ -49,7 +49,7 @@ def joined(parts: Sequence[Frame]) -> Frame:
     if len(parts) == 1:
         return first if first.part == WHOLE else first.with_(part=WHOLE)
     if any(one.sensor.hash != first.sensor.hash or one.keep is not None or one.lattice is not None for one in parts):
-        raise LidarCodecError("frames of different sensors, or reduced ones, are no parts of one turn")
+        raise LidarCodecError("frames of different sensors, or reduced frames, cannot be joined into one turn")
     return Frame(
         first.index,
         first.stamp_ns,

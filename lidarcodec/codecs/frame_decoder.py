@@ -154,7 +154,9 @@ def independent_decoder(decode_ranges: DecodeRanges) -> Callable[[int], Decoder]
 def check_codec(message: Message, codec_id: int) -> None:
     """Raise UnsupportedVersionError unless it is a message of that codec."""
     if message.codec != codec_id:
-        raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {codec_id}")
+        raise UnsupportedVersionError(
+            f"this decoder is for codec {codec_id}, but the message has codec {message.codec}"
+        )
 
 
 def missing_reference(message: Message, needs: int) -> MissingReferenceError:

@@ -155,7 +155,9 @@ class FrameEncoder(Generic[Own]):
 def check_same_codec(before: StreamSettings, after: StreamSettings) -> None:
     """Raise SettingsError if an encoder is given the settings of another codec."""
     if after.codec != before.codec:
-        raise SettingsError(f"an encoder of {before.codec} cannot become {after.codec}", "codec")
+        raise SettingsError(
+            f"an encoder of codec {before.codec} cannot change to codec {after.codec}: create a new one", "codec"
+        )
 
 
 CodeRanges = Callable[[Frame, InForce[Own]], bytes]

@@ -47,9 +47,11 @@ def check_other(settings: StreamSettings) -> StreamSettings:
     """
     if settings.codec != AUTO and not takes_others(settings.codec):
         able = ", ".join(name for name in table.names() if takes_others(name))
-        raise SettingsError(f"codec {settings.codec} takes only frames of an HDL-64E: choose one of {able}", "codec")
+        raise SettingsError(
+            f"codec {settings.codec} works only with an HDL-64E: for this sensor choose one of {able}", "codec"
+        )
     if settings.base_error_m is not None:
-        raise SettingsError("a base and refinements are only of an HDL-64E: leave base_error_m out", "base_error_m")
+        raise SettingsError("base_error_m works only with an HDL-64E: leave it out", "base_error_m")
     if settings.reduction in ONLY_HDL64E:
         text = f"reduction {settings.reduction} has a network that knows only the rows of an HDL-64E: choose voxel-seen"
         raise SettingsError(text, "reduction")

@@ -132,8 +132,8 @@ def check(settings: StreamSettings) -> StreamSettings:
     _check_target(settings, chosen)
     if settings.base_error_m is not None and not chosen.layered:
         able = ", ".join(name for name in _TABLE if codec(name).layered)
-        raise SettingsError(f"codec {settings.codec} cannot send a base and refinements: leave base_error_m out, or "
-f"choose one of {able}", "base_error_m")  # fmt: skip
+        raise SettingsError(f"codec {settings.codec} does not support base_error_m: leave it out, or choose one "
+        f"of {able}", "base_error_m")  # fmt: skip
     if settings.parts > 1 and not chosen.parts:
         able = ", ".join(name for name in _TABLE if codec(name).parts)
         raise SettingsError(f"codec {settings.codec} cannot send a turn in parts: choose another framing than "

@@ -95,9 +95,7 @@ class CdrReader:
         Raises TruncatedError where they are not there.
         """
         if not 0 <= size <= self.left:
-            raise TruncatedError(
-                f"a CDR message that wants {size} bytes where {max(self.left, 0)} are left", self.at + 4
-            )
+            raise TruncatedError(f"a CDR message needs {size} bytes where {max(self.left, 0)} are left", self.at + 4)
         self.at += size
         return self._data[self.at - size : self.at]
 

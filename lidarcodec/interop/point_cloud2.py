@@ -67,7 +67,7 @@ def cdr_of(payload: bytes) -> bytes:
         return payload
     data = payload[head.size : head.size + head.data_bytes]
     if len(data) < head.data_bytes or len(payload) != head.size + head.data_bytes + 1:
-        raise SectionError("a PointCloud2 of ROS 1 whose points are not all there")
+        raise SectionError("a PointCloud2 of ROS 1 ends before its last point")
     writer = CdrWriter().header(head.stamp_ns, head.frame_id).u32(head.height).u32(head.width).u32(len(head.fields))
     for one in head.fields:
         writer.text(one.name).u32(one.offset).u8(TYPE_NUMBERS[one.kind]).u32(one.repeated)

@@ -89,7 +89,7 @@ class RefinableFrame:
 def check_layers(encoder: Encoder, settings: StreamSettings) -> None:
     """Raise SettingsError for layers of an encoder that does not tell what a decoder gets."""
     if settings.base_error_m is not None and not isinstance(encoder, Layered):
-        raise SettingsError("base_error_m needs a codec in this process: leave isolate=always out", "base_error_m")
+        raise SettingsError("base_error_m needs a codec in this process: leave out isolate=always", "base_error_m")
 
 
 def refinable_of(encoder: Encoder, frame: Frame, settings: StreamSettings, stream_id: int) -> RefinableFrame | None:

@@ -35,7 +35,7 @@ class RefinedFrame:
         lossless.
         """
         if not can_be_base(message):
-            raise SectionError(f"frame {base.index} cannot be refined: it is no base")
+            raise SectionError(f"frame {base.index} cannot be refined, because it was not sent with base_error_m")
         self.base: Final = base
         self._stream: Final = message.stream_id
         self._checksum: Final = checksum_of_base(base)
@@ -54,8 +54,8 @@ class RefinedFrame:
         """
         if (one.stream_id, one.frame_index, one.base) != (self._stream, self.base.index, self._checksum):
             raise OtherBaseError(
-                f"a refinement of frame {one.frame_index}, sector {one.sector}, is not of this base: it was coded for "
-                f"another stream, frame or content"
+                f"a refinement of frame {one.frame_index}, sector {one.sector}, does not fit this base: it "
+                "belongs to another stream or frame"
             )
         if one.sector in self.taken:
             return False

@@ -60,7 +60,7 @@ class Mounting:
                 raise SettingsError(f"{name} of a mounting is {str(value)[:40]!r}, not a number", "mount")
             if not abs(value) <= most:  # NaN is not
                 shown = f"{value:g}" if isinstance(value, float) else f"{value if abs(value) < 10**9 else 'huge'}"
-                raise SettingsError(f"{name} of a mounting is {shown}; allowed is -{most:g} to {most:g}", "mount")
+                raise SettingsError(f"{name} of a mounting is {shown}; it must be from -{most:g} to {most:g}", "mount")
             object.__setattr__(self, name, float(value))
 
     @classmethod

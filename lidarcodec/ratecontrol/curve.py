@@ -145,7 +145,7 @@ def points_of(codec: str, purpose: Purpose) -> dict[str, Any]:
     knob = table.codec(codec).knob
     alike = [entry for entry in found.values() if knob is not None and entry["knob"] == knob.setting]
     if not alike:
-        raise SettingsError(f"no working points of codec {codec} were measured, and none with its knob", "codec")
+        raise SettingsError(f"codec {codec} was not measured with the setting that adjusts its bitrate", "codec")
     return max(alike, key=lambda entry: float(entry["range_bits"][0][-1]))
 
 

@@ -68,8 +68,8 @@ class RecordingReader:
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
         if not magic or not records.MAGIC.startswith(magic):
             raise SourceError(
-                f"{self._name} is not a recording (.mcap); a capture is read by `convert`, and "
-                "named second in `verify RECORDING SOURCE`"
+                f"{self._name} is not a recording (.mcap). For a capture use `convert`; `verify` takes the "
+                "recording first, then the capture"
             )
         self._data_start = min(self._size, len(records.MAGIC))
         self._read_beginning()
@@ -216,7 +216,7 @@ class RecordingReader:
             if record.opcode == records.STATISTICS and record.whole and record.length >= 8:
                 told = records.message_count(self._stream, record)
                 if told > count:
-                    self._damaged(DamagedError(f"{count} of its {told} messages were found"))
+                    self._damaged(DamagedError(f"only {count} of its {told} messages were found"))
 
     def _look_behind(self, record: Record) -> None:
         """Count and log bytes after the end of the recording, for example of files joined with `cat`."""
@@ -229,7 +229,7 @@ class RecordingReader:
         if behind > 0:
             self.counts["bytes lost"] = behind
             self._damaged(
-                DamagedError(f"{behind} bytes after its end were not read; to join recordings, use `lidarcodec join`")
+                DamagedError(f"{behind} bytes after its end were not read: to join recordings, use `lidarcodec join`")
             )
 
     def _read(

@@ -180,7 +180,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         if file is None or (what := _lost(file)) is None:
             return
         self.counts["lost files"] += 1
-        log.error("%s was %s during recording: its content is lost", file.name, what)
+        log.error("%s was %s while it was being recorded: its content is lost", file.name, what)
         self._writer = self._file = None
         with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
             os.dup2(nowhere.fileno(), file.fileno())  # so that its buffer is not written into another program's file
@@ -268,14 +268,14 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             self.counts["deleted files"] += 1
         if needed + total > self.max_total_bytes and total:
             raise OSError(
-                f"files that must stay fill {self.folder}: release some of their marks"
+                f"marked files fill {self.folder}: release some of the marks"
                 if any(map(self.stays, (path for path, _ in files)))
                 else f"another program already writes recordings of this stream in {self.folder}: use another folder"
             )
         if needed > self.max_total_bytes:
             raise OSError(
-                f"the recording file would have {needed} bytes, more than the {self.max_total_bytes} bytes of its "
-                "folder: no key frame came to begin another file"
+                f"the recording file would exceed the {self.max_total_bytes} bytes of its folder, because no "
+                "key frame came to begin another file"
             )
 
     def _end(self) -> None:

@@ -117,7 +117,7 @@ class RecordingWriter(McapFile):
         """
         if schema and schema not in foxglove.SCHEMAS:
             raise SourceError(
-                f"{channel.topic} has type {schema}, which recordings of lidarcodec do not have: leave it out"
+                f"{channel.topic} has type {schema}, which a recording of lidarcodec cannot hold: leave it out"
             )
         known = foxglove.SCHEMAS.get(schema)
         self._add(channel.topic, channel.encoding, stored.log_time, stored.data(), stored.sequence, known)

@@ -61,7 +61,7 @@ def reduction(name: str) -> Reduction:
     """
     if name not in _TABLE:
         known = ", ".join(f"{other}:n" if reduction(other).argument else other for other in names())
-        raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
+        raise SettingsError(f"unknown reduction '{name}': choose one of {known}", "reduction")
     if not _is_offered(name):
         raise SettingsError(
             f"reduction {name} needs {_TABLE[name].package}, which is not installed: "

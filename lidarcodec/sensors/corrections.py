@@ -43,9 +43,11 @@ def table_of(
     """
     if len(lasers) != number:
         whose = SENSORS.get(len(lasers), "another sensor")
-        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: {SENSORS.get(number, OWN)} has {number}")
+        raise CalibrationError(
+            f"it has {len(lasers)} lasers, as {whose} has, but {SENSORS.get(number, OWN)} has {number}"
+        )
     if number == LASERS and not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
-        raise CalibrationError(f"its distance step is {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
+        raise CalibrationError(f"its distance step is {range_step_m:g} m, but that of an HDL-64E is {RANGE_STEP_M:g} m")
     ids = [_laser_id(laser, number) for laser in lasers]
     if double := sorted({one for one in ids if ids.count(one) > 1}):
         raise CalibrationError(f"laser {double[0]} occurs twice")

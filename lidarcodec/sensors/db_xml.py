@@ -146,7 +146,7 @@ def _enabled(lasers: list[dict[str, Any]], enabled: list[float], number: int) ->
         return lasers
     if used != number:
         whose = SENSORS.get(number, OWN)
-        raise CalibrationError(f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: {whose} has {number}")
+        raise CalibrationError(f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}, but {whose} has {number}")
     on = {place for place, value in enumerate(enabled) if value != 0}
     return [laser for laser in lasers if laser["laser_id"] in on]
 

@@ -72,11 +72,11 @@ def _ouster(capture: Path | None, given: Path | None, payloads: Sequence[bytes],
     if payloads and all(len(payload) != size for payload in payloads):
         sent = len(payloads[0])
         raise CalibrationError(
-            f"metadata {path} is of an {found.model} whose packets have {size} bytes, but here they have {sent}: give "
-            "the metadata that this sensor had at the time"
+            f"metadata {path} is of an {found.model} that sends packets of {size} bytes, but these have {sent}: "
+            "give the metadata from the time of the recording"
         )
     if model in OUSTERS and model != found.model:
-        raise CalibrationError(f"metadata {path}: it is of an {found.model}, not of an {model}")
+        raise CalibrationError(f"metadata {path} is of an {found.model}, not of an {model}")
     log.info("metadata of %s from %s", found.name, path)
     return found
 

@@ -28,7 +28,9 @@ def parse(data: bytes, channels: int) -> Calibration:
     Raises CalibrationError saying which line is not one, or how many channels the file has.
     """
     if len(data) > MAX_BYTES:
-        raise CalibrationError(f"it has {len(data):,} bytes: a Hesai angle correction file has less than {MAX_BYTES:,}")
+        raise CalibrationError(
+            f"it has {len(data):,} bytes, but a Hesai angle correction file has fewer than {MAX_BYTES:,}"
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -45,7 +47,9 @@ def parse(data: bytes, channels: int) -> Calibration:
             raise CalibrationError(f"line {number}: channel {channel} does not exist, this sensor has 1 to {channels}")
         found[channel] = angles
     if len(found) != channels:
-        raise CalibrationError(f"it has {len(found)} channels, and this sensor has {channels}: it is of another model")
+        raise CalibrationError(
+            f"it has {len(found)} channels, but this sensor has {channels}: it belongs to another model"
+        )
     table = np.radians([found[channel] for channel in range(1, channels + 1)])
     return Calibration.from_values({"vert_correction_rad": table[:, 0], "rot_correction_rad": -table[:, 1]})
 

@@ -37,7 +37,7 @@ UNKNOWN: dict[int, str] = {0x23: "VLP-32A or VLP-32B", 0x31: "Velarray"}
 """Model byte -> name of Velodyne sensors whose packets are not known here."""
 STREAM_PACKETS = 64
 """Packets that are looked at: four rounds of an HDL-64E's sixteen status types."""
-REMEDY = "--model packets carries any packets as they are"
+REMEDY = "to take packets of any sensor, add --model packets"
 
 
 def recognised(payloads: Sequence[bytes]) -> Detected | None:
@@ -67,10 +67,10 @@ def check_recognised(payloads: Sequence[bytes]) -> Detected:
     size = sizes.most_common(1)[0][0] if sizes else 0
     name = next((name for payload in payloads if (name := _unknown_sensor(payload)) is not None), None)
     if size == PACKET_BYTES and name is not None:
-        raise PacketError(f"these packets come from a Velodyne {name}, which is not known here: {REMEDY}")
+        raise PacketError(f"these packets come from a Velodyne {name}, which is not supported: {REMEDY}")
     if size == POSITION_BYTES:
         raise PacketError("these are Velodyne position packets (512 bytes, port 8308), which hold no ranges")
-    raise PacketError(f"packets of {size} bytes are of no sensor that is known here: {REMEDY}")
+    raise PacketError(f"packets of {size} bytes do not belong to a known sensor: {REMEDY}")
 
 
 def another_than(model: str, payloads: Sequence[bytes]) -> str | None:

@@ -195,7 +195,7 @@ def calibration_of(parameters: bytes, *, s3: bool) -> Calibration:
     lasers = np.ascontiguousarray(area.reshape(LASERS, LASER_BYTES)[:, : PARAMETER_DTYPE.itemsize])
     table = lasers.view(PARAMETER_DTYPE)[:, 0]
     if not np.array_equal(table["laser_id"], np.arange(LASERS)):
-        raise CalibrationError("the status bytes hold no calibration: their laser numbers are not 0 to 63")
+        raise CalibrationError("the status bytes do not hold a calibration: their laser numbers are not 0 to 63")
     values = {field: table[name].astype(np.float64) * step for name, (field, step) in STEPS.items()}
     near = (values["dist_correction_x_m"] == 0) | (values["dist_correction_y_m"] == 0)
     for field in ("dist_correction_x_m", "dist_correction_y_m"):

@@ -202,7 +202,7 @@ class StatusReader:
         except CalibrationError as error:
             self.failed += 1
             if self.failed == 1:
-                log.warning("no calibration from the stream: %s", error)
+                log.warning("the calibration in the sensor's status bytes cannot be used: %s", error)
             self._table[:] = UNKNOWN
             return False
         self.sensor = SensorModel(f"HDL-64E {'S3' if self._s3 else 'S2'}", calibration, "stream")

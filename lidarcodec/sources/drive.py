@@ -54,7 +54,7 @@ class SimulatedPoses(Poses):
         """
         times = np.asarray(stamps_ns, np.int64).reshape(-1) - self._start_ns
         if times.size and not 0 <= times.min() <= times.max() <= LONGEST_NS:
-            raise SourceError(f"sim:{self._options[0]}: poses are known only for the first 30 days of the drive")
+            raise SourceError(f"sim:{self._options[0]}: only the first 30 days of a simulated drive have poses")
         order = np.argsort(times, kind="stable")
         found: npt.NDArray[np.float64] = np.empty((len(times), 4, 4))
         found[order] = self._finder.at(np.ascontiguousarray(times[order]))
@@ -124,7 +124,7 @@ class SimulatedDrive(PacketSource):
         """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without grass."""
         at = np.ascontiguousarray(np.asarray(places, np.float64).reshape(-1, 2))
         if not np.all(np.abs(at) < FARTHEST_M):
-            raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")
+            raise SourceError(f"sim:{self.scene}: the simulated world ends {FARTHEST_M:g} m from its centre")
         height: npt.NDArray[np.float64] = _native.Simulator(*self._options, self.drive_ns).ground_height(at)
         return height
 
@@ -137,7 +137,7 @@ class SimulatedDrive(PacketSource):
         """
         since_ns = int(stamp_ns) - self.drive_ns
         if not (0 <= since_ns <= LONGEST_NS and 0 < reach_m <= MOST_REACH_M):
-            raise SourceError(f"sim:{self.scene}: road users are known for the first 30 days, up to 200 m away")
+            raise SourceError(f"sim:{self.scene}: only the first 30 days, up to 200 m away, have labelled road users")
         if self._finder is None:
             self._finder = _native.SimulatorPoses(*self._options)
         kinds, ids, numbers = self._finder.road_users(since_ns, float(reach_m))

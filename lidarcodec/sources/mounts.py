@@ -38,10 +38,10 @@ class Mounted:
         if poses_of not in (None, SENSOR, VEHICLE):
             raise SettingsError(f"--poses-of {poses_of}: write {SENSOR} or {VEHICLE}", "poses_of")
         if poses_of == VEHICLE and not poses:
-            raise SettingsError("--poses-of vehicle says what --poses FILE holds: give that, too", "poses_of")
+            raise SettingsError("--poses-of vehicle needs the poses: give --poses FILE", "poses_of")
         if poses_of == VEHICLE and mount is None:
             raise SettingsError(
-                "--poses-of vehicle needs --mount, which says where the sensor sits on the vehicle", "poses_of"
+                "--poses-of vehicle needs the place of the sensor on the vehicle: give --mount", "poses_of"
             )
         return cls(None if mount is None else mount_of(mount, sensor), poses_of == VEHICLE)
 
@@ -73,7 +73,7 @@ def mount_of(text: str, sensor: str | None = None) -> Mounting:
     if wanted is None:
         raise SettingsError(f"{path} has {len(found)} sensors: choose one, as in {path}#{next(iter(found))}", "mount")
     if wanted not in found:
-        raise SettingsError(f"{path} has no sensor '{wanted}', but {', '.join(found)}", "mount")
+        raise SettingsError(f"{path} has no sensor '{wanted}': choose one of {', '.join(found)}", "mount")
     return found[wanted]
 
 

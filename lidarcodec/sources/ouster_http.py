@@ -47,7 +47,7 @@ def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S, 
         reason = "".join(character for character in said if character.isprintable())[:120]
         raise CalibrationError(f"no metadata from {address}: {reason}") from None
     if status != http.client.OK:
-        raise CalibrationError(f"no metadata from {address}: the answer has the status {status}")
+        raise CalibrationError(f"no metadata from {address}: it answered with status {status}")
     try:
         read_metadata(body)
     except CalibrationError as error:
@@ -107,8 +107,8 @@ def _connected(host: str, port: int, deadline: float, *, near: bool) -> socket.s
         else:
             return connection
     if near and failed is not None and failed.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH):
-        raise OSError("it is in no network of this machine; give its metadata with --calibration")
-    raise failed or OSError("it has no address")
+        raise OSError("this machine is not in its network; give the metadata with --calibration FILE")
+    raise failed or OSError("its name has no address")
 
 
 def _left(deadline: float) -> float:

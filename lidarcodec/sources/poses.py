@@ -85,7 +85,7 @@ class Poses:
             self._warned = True
             first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
             logger.warning(
-                "some frames are sent without a pose, first the one of %s: the poses cover %s to %s",
+                "frames from %s on are sent without a pose, because the poses cover only %s to %s",
                 _time_text(stamp_ns),
                 first,
                 last,
@@ -163,7 +163,7 @@ def _read_npz(path: Path) -> Poses:
 def _from_tum(table: Matrix) -> Poses:
     length = np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
     if np.any(np.abs(length - 1.0) > 1e-2):
-        raise SourceError("a quaternion of the poses does not have length 1")
+        raise SourceError("a quaternion in the poses does not have length 1")
     x, y, z, w = (table[:, 4:] / length).T
     matrices = np.zeros((len(table), 4, 4))
     matrices[:, :3, :3] = _rotations(np.stack([w, x, y, z], axis=1))
@@ -181,7 +181,7 @@ def _from_kitti(path: Path, table: Matrix) -> Poses:
         matrices = np.linalg.inv(T_camera_velo) @ matrices @ T_camera_velo
     else:
         logger.warning(
-            "%s: without a calib.txt beside it, its poses are read as poses of the sensor, not of the camera", path
+            "%s: there is no calib.txt beside it, so its poses are read as poses of the sensor, not of the camera", path
         )
     times = path.with_name("times.txt")
     if not times.exists():
@@ -193,7 +193,7 @@ def _from_kitti(path: Path, table: Matrix) -> Poses:
 
 
 def _without_times(path: Path, matrices: Matrix, first_ns: int) -> Poses:
-    logger.warning("%s has no times: it is read as one pose for each turn of %.1f ms", path, REVOLUTION_NS / 1e6)
+    logger.warning("%s has no times, so it is read as one pose for each turn of %.1f ms", path, REVOLUTION_NS / 1e6)
     stamps = np.arange(len(matrices), dtype=np.int64) * REVOLUTION_NS + first_ns
     return Poses(stamps, matrices, relative=True)
 

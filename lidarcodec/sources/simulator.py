@@ -122,11 +122,13 @@ class SimulatorSource(SimulatedDrive):
         given.only("seed", "frames", "skip", "speed", "traffic", "sensor", "packets", *SENSOR_OPTIONS)
         odd = [] if named else [name for name in SENSOR_OPTIONS if name in given.options]
         if odd:
-            raise SourceError(f"source option {odd[0]}: an HDL-64E has none, other sensors have: add sensor=...")
+            raise SourceError(
+                f"source option {odd[0]} is not for an HDL-64E: leave it out, or choose another sensor with sensor=..."
+            )
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
         only = given.whole("packets", 1, MAX_FRAMES)
         if named and only is not None:
-            raise SourceError("source option packets: only an HDL-64E has it; use frames, the number of turns")
+            raise SourceError("source option packets is only for an HDL-64E: use frames, the number of turns")
         make = partial(_spinning, given) if named else partial(cls, only=only)
         source = make(
             given.place or "city",
@@ -165,7 +167,7 @@ class SimulatorSource(SimulatedDrive):
         Raises SourceError for more than 100000 packets.
         """
         if not 0 <= packets <= MAX_TRUTH:
-            raise SourceError(f"sim:{self.scene}: truth of 0 to 100000 packets, not {packets}")
+            raise SourceError(f"sim:{self.scene}: the truth can be had of 0 to 100000 packets, not {packets}")
         payloads, distance_m, labels = self._simulator().packets_with_truth(packets)
         return payloads, distance_m, labels
 

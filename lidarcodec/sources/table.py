@@ -113,7 +113,9 @@ def kind_of(spec: Spec) -> str:
 def _poses(path: Path, source: PacketSource) -> Poses:
     poses = read_poses(path)
     if poses.relative and source.start_ns is None:
-        raise SourceError(f"{path} has no absolute times, and the start time of the source is not known")
+        raise SourceError(
+            f"{path} has only relative times, and the start time of the source is not known: give absolute times"
+        )
     return poses.starting(source.start_ns or 0)
 
 

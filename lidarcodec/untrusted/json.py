@@ -40,7 +40,7 @@ def _finite(text: str) -> float:
 
 def _whole(text: str) -> int:
     if len(text.lstrip("-")) > MAX_DIGITS:
-        raise JsonRefusedError(f"a number has {len(text)} digits; at most {MAX_DIGITS} are allowed")
+        raise JsonRefusedError(f"a number has {len(text)} digits: at most {MAX_DIGITS} are allowed")
     return int(text)
 
 

@@ -277,7 +277,7 @@ def test_an_input_that_was_replaced_under_its_name_is_archived_and_not_compared(
         (("--job", "nothing"), "unknown job"),
         (("--workers", "dask"), "--scheduler"),
         (("--workers", "ray"), "--scheduler"),
-        (("--set", "target_kbps=auto"), "only in live streams"),
+        (("--set", "target_kbps=auto"), "only with live streams"),
         (("--job", "verify", "--codec", "zstd"), "--codec and --set are only for --job compress, recompress"),
         (("--job", "verify", "--seconds", "9"), "--seconds is only for --job compress"),
         (("--job", "index", "--processes", "2"), "runs in this process"),

@@ -108,7 +108,7 @@ def test_own_settings_are_checked_when_they_are_taken_and_not_with_each_frame(
 
 def test_an_encoder_stays_the_codec_that_it_is() -> None:
     encoder = table.make_encoder(StreamSettings(), 1)
-    with pytest.raises(SettingsError, match="cannot become"):
+    with pytest.raises(SettingsError, match="cannot change to codec raw"):
         encoder.apply(StreamSettings(codec="raw"))
 
 

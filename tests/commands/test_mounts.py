@@ -54,7 +54,7 @@ def test_a_file_names_all_sensors_of_a_vehicle(mounts, tmp_path):
     assert mount_of(str(tmp_path / "one.json")) == mount_of(TEXT) == ROOF
     with pytest.raises(SettingsError, match="choose one, as in"):
         mount_of(str(mounts))
-    with pytest.raises(SettingsError, match="no sensor 'rear', but roof, front, lidar"):
+    with pytest.raises(SettingsError, match="no sensor 'rear': choose one of roof, front, lidar"):
         mount_of(str(mounts), "rear")
 
 
@@ -65,7 +65,7 @@ def test_a_file_names_all_sensors_of_a_vehicle(mounts, tmp_path):
         ("[1, 2]", "1 to 64 lines like"),
         ("a/b: [0, 0, 0, 0, 0, 0]", "'a/b' is not a sensor's name"),
         ("roof: [0, 0, 0]", "roof: a mounting is X,Y,Z"),
-        ("roof: [0, 0, 200, 0, 0, 0]", "z_m of a mounting is 200; allowed is -100 to 100"),
+        ("roof: [0, 0, 200, 0, 0, 0]", "z_m of a mounting is 200; it must be from -100 to 100"),
         ("roof: {z: 1}", "some of x_m, y_m"),
         ("roof: &a [0, 0, 0, 0, 0, 0]", "anchors"),
         ("\n".join(f"s{i}: [0, 0, 0, 0, 0, 0]" for i in range(MOST_SENSORS + 1)), "1 to 64 lines like"),
@@ -82,8 +82,8 @@ def test_a_file_that_is_wrong_is_refused_with_the_sensor(tmp_path, text, said):
     [
         (("--mount", "1,2,3"), "cannot read mountings from 1,2,3"),
         (("--mount", "1,2,3,4,5,x"), "a mounting is X,Y,Z,ROLL,PITCH,YAW"),
-        (("--mount", TEXT, "--poses-of", "vehicle"), "give that, too"),
-        (("--poses", "p.txt", "--poses-of", "vehicle"), "needs --mount"),
+        (("--mount", TEXT, "--poses-of", "vehicle"), "give --poses FILE"),
+        (("--poses", "p.txt", "--poses-of", "vehicle"), "give --mount"),
         (("--poses-of", "car"), "write sensor or vehicle"),
     ],
 )

@@ -145,7 +145,7 @@ def test_bad_scans_raise_our_errors_before_memory_is_taken() -> None:
             packets_of_scan(bytes(data[:cut]))
     huge = data.copy()
     huge[28:32] = struct.pack("<I", 2**32 - 1)
-    with pytest.raises(DecodeError, match="wants"):
+    with pytest.raises(DecodeError, match="needs"):
         packets_of_scan(bytes(huge))
     rng = np.random.default_rng(5)
     for _ in range(400):

@@ -100,7 +100,7 @@ def test_a_refinement_of_another_base_is_refused() -> None:
         one._replace(frame_index=1),
         one._replace(base=one.base ^ 1),
     ):
-        with pytest.raises(OtherBaseError, match="is not of this base"):
+        with pytest.raises(OtherBaseError, match="does not fit this base"):
             found.add(wrong)
     with pytest.raises(SectionError, match="of a base with step 51"):
         found.add(one._replace(base_step=53))
@@ -159,13 +159,13 @@ def test_sectors_ahead_are_sent_first() -> None:
 @pytest.mark.parametrize(
     ("values", "error"),
     [
-        ({"codec": "jpeg"}, "codec jpeg cannot send a base and refinements: .* predictive"),
-        ({"max_error_m": 0.05}, "not above what refinements reach"),
-        ({"base_error_m": 0.001}, "not above what refinements reach"),
-        ({"base_error_m": 0}, "greater than 0"),
-        ({"base_error_m": 30}, "less than or equal to 20"),
-        ({"target_kbps": 900}, "leave target_kbps out"),
-        ({"reduction": "voxel"}, "leave reduction out"),
+        ({"codec": "jpeg"}, "codec jpeg does not support base_error_m: .* predictive"),
+        ({"max_error_m": 0.05}, "must be larger than max_error_m"),
+        ({"base_error_m": 0.001}, "must be larger than max_error_m"),
+        ({"base_error_m": 0}, "must be more than 0"),
+        ({"base_error_m": 30}, "must be at most 20"),
+        ({"target_kbps": 900}, "leave out target_kbps"),
+        ({"reduction": "voxel"}, "leave out reduction"),
     ],
 )
 def test_settings_that_cannot_be_are_refused_by_name(values: dict[str, Any], error: str) -> None:
@@ -174,7 +174,7 @@ def test_settings_that_cannot_be_are_refused_by_name(values: dict[str, Any], err
 
 
 def test_other_sensors_are_refused() -> None:
-    with pytest.raises(SettingsError, match="only of an HDL-64E"):
+    with pytest.raises(SettingsError, match="works only with an HDL-64E"):
         list(lidarcodec.encode(lidarcodec.read_frames("sim:city?frames=1&sensor=vlp16"), base_error_m=0.05))
 
 

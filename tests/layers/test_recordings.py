@@ -126,7 +126,7 @@ def test_damaged_refinements_are_counted_and_change_nothing(recording: Path, tmp
     assert len(list(recorded)) == 3
     assert recorded.layers == {"part": 3}
     assert sum(recorded.failed.values()) == 3
-    assert any("not of this base" in text for text in recorded.failed)
+    assert any("does not fit this base" in text for text in recorded.failed)
     assert verify(out, SOURCE)["broken"] == ["3 messages could not be decoded"]
 
 

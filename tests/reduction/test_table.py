@@ -18,7 +18,7 @@ from lidarcodec.settings import StreamSettings
         (
             {"reduction": "voxels"},
             "reduction",
-            "unknown reduction 'voxels': known are auto, all, lattice:n, columns:n, random, voxel",
+            "unknown reduction 'voxels': choose one of auto, all, lattice:n, columns:n, random, voxel",
         ),
         ({"reduction": "voxel:3"}, "reduction", "takes no value after a colon"),
         ({"reduction": "columns"}, "reduction", "n from 1 to 1000"),

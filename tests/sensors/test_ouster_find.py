@@ -65,10 +65,10 @@ def test_metadata_that_is_given_must_fit(tmp_path: Path) -> None:
     assert (sensor.model, sensor.origin) == ("os1-128", "given")
     assert find_sensor(None, path, PACKETS, "os1-128").hash == sensor.hash
     assert find_sensor(None, path, [], "os1-128").hash == sensor.hash
-    with pytest.raises(CalibrationError, match=r"os\.json: it is of an os1-128, not of an os0-128"):
+    with pytest.raises(CalibrationError, match=r"os\.json is of an os1-128, not of an os0-128"):
         find_sensor(None, path, PACKETS, "os0-128")
     path.write_bytes(as_json(flat_metadata("LEGACY")))
-    with pytest.raises(CalibrationError, match=r"is of an os1-128 whose packets have 24896 bytes, but here they have"):
+    with pytest.raises(CalibrationError, match=r"is of an os1-128 that sends packets of 24896 bytes, but these have"):
         find_sensor(None, path, PACKETS)
     path.write_bytes(b"{}")
     with pytest.raises(CalibrationError, match=r"metadata .*os\.json: it lacks the list beam_altitude_angles"):

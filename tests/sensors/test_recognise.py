@@ -63,7 +63,7 @@ def test_sensors_that_name_themselves(model: int, name: str, mode: int) -> None:
 def test_a_sensor_that_is_not_known_is_named(model: int, name: str) -> None:
     packets = [payload(ONE_BANK, RNG, status=bytes([0x37, model]))] * 3
     assert recognised(packets) is None
-    with pytest.raises(PacketError, match=f"Velodyne {name}, which is not known here: --model packets"):
+    with pytest.raises(PacketError, match=f"Velodyne {name}, which is not supported: to take"):
         check_recognised(packets)
 
 
@@ -126,7 +126,7 @@ def test_a_stream_of_an_unknown_sensor_is_carried_when_it_is_asked_for(tmp_path)
     sent = [rng.randbytes(rng.randrange(1, 1000)) for _ in range(40)]
     path = tmp_path / "unknown.pcap"
     path.write_bytes(c.pcap(map(c.frame, sent)))
-    with pytest.raises(SourceError, match="--model packets carries any packets as they are"):
+    with pytest.raises(SourceError, match="to take packets of any sensor, add --model packets"):
         open_source(path)
     with open_source(f"{path}?model=packets") as source:
         assert source.sensor.model == PACKETS

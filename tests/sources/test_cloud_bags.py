@@ -112,7 +112,7 @@ def test_packets_are_preferred_to_clouds_and_a_topic_or_model_chooses(tmp_path):
     with pytest.raises(SourceError, match=r"several topics.*/a, /b"):
         open_source(clouds)
     assert payloads_of(f"{clouds}?topic=/a") == MESSAGES[:1]
-    with pytest.raises(SourceError, match="/c; it has these: /a, /b"):
+    with pytest.raises(SourceError, match="/c: choose one of /a, /b"):
         open_source(f"{clouds}?topic=/c")
 
 
@@ -128,7 +128,9 @@ def test_a_cut_bag_gives_what_is_before_its_end(tmp_path):
 
 def test_a_bag_of_other_messages_says_what_is_missing(tmp_path):
     path = bag1(tmp_path / "a.bag", [b"text"], kind=b"std_msgs/String")
-    with pytest.raises(SourceError, match="has no sensor_msgs/PointCloud2; its topics have std_msgs/String"):
+    with pytest.raises(
+        SourceError, match="has no sensor_msgs/PointCloud2: the types of its topics are std_msgs/String"
+    ):
         open_source(path)
 
 
@@ -183,7 +185,9 @@ def test_a_folder_of_a_bag_is_read_without_its_metadata_being_changed(tmp_path):
 
 def test_scans_in_a_bag_of_ros_1_are_not_taken_for_clouds(tmp_path):
     path = bag1(tmp_path / "a.bag", [scan_of(made.turning(3), "v")], kind=b"velodyne_msgs/VelodyneScan")
-    with pytest.raises(SourceError, match="has no sensor_msgs/PointCloud2; its topics have velodyne_msgs/VelodyneScan"):
+    with pytest.raises(
+        SourceError, match="has no sensor_msgs/PointCloud2: the types of its topics are velodyne_msgs/VelodyneScan"
+    ):
         open_source(path)
 
 

@@ -142,7 +142,7 @@ def test_missing_scans_keep_their_own_times(tmp_path):
             find_scans(folder)
     (points / "timestamps_start.txt").write_text(lines)
     (points / "timestamps_end.txt").write_text(lines.replace("13:00", "12:59"))
-    with pytest.raises(SourceError, match="ends before it begins"):
+    with pytest.raises(SourceError, match="end before they begin"):
         find_scans(folder)
 
 
@@ -243,7 +243,7 @@ def test_files_that_are_no_scans_are_refused(tmp_path):
     with pytest.raises(SourceError, match="xz data is cut"):
         open_source(tmp_path / "cut.bin.xz")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(SourceError, match="no KITTI folder"):
+    with pytest.raises(SourceError, match="nor a KITTI folder"):
         open_source(tmp_path / "empty")
     with pytest.raises(UnknownNameError, match="choose one of raw, odometry"):
         open_source(f"{tmp_path}/huge.bin?kind=lidar")

@@ -105,8 +105,8 @@ def not_http(request: BaseHTTPRequestHandler) -> None:
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (sends(METADATA, 404), "the answer has the status 404"),
-        (sends(METADATA, 302), "the answer has the status 302"),
+        (sends(METADATA, 404), "it answered with status 404"),
+        (sends(METADATA, 302), "it answered with status 302"),
         (sends(b""), "it is malformed JSON"),
         (sends(b'{"error": "starting"}'), "it lacks the list beam_altitude_angles"),
         (sends(b" " * 70_000 + METADATA), "at most 65,536 are allowed"),
@@ -147,7 +147,7 @@ def test_no_address_beyond_the_networks_of_this_machine_is_asked(caplog: pytest.
     began = time.monotonic()
     assert with_metadata(bare, bytes([198, 51, 100, 7]), "UDP") is bare
     assert time.monotonic() - began < LIVE_ANSWER_S
-    assert "it is in no network of this machine; give its metadata with --calibration" in caplog.text
+    assert "this machine is not in its network; give the metadata with --calibration FILE" in caplog.text
 
 
 def test_a_sensor_nearby_is_asked() -> None:

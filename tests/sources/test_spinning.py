@@ -194,7 +194,7 @@ def test_a_sensor_is_named_with_its_options():
     for query in ("sensor=vlp16&profile=LEGACY", "sensor=os1-64&returns=dual", "sensor=vlp16&seed=-1", "mode=512x10"):
         with pytest.raises(SourceError):
             open_source(f"sim:city?{query}")
-    with pytest.raises(SourceError, match="truth of 1 to 7600 packets"):
+    with pytest.raises(SourceError, match="truth can be had of 1 to 7600 packets"):
         SpinningSource(Wanted("vlp16")).truth(0)
 
 

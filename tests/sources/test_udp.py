@@ -214,14 +214,14 @@ def test_that_nothing_comes_is_said_once_and_for_how_long_it_is_waited(monkeypat
     monkeypatch.setattr(udp, "SAY_S", 0.1)
     with open_source("udp://127.0.0.1:0?wait=0&idle=5.5") as source:
         assert list(source.packets()) == []
-        (said,) = [line for line in caplog.messages if "nothing came" in line]
+        (said,) = [line for line in caplog.messages if "no packet arrived" in line]
         assert f"port {source.address[1]}" in said
         assert "5.5 s" in said
     caplog.clear()
     with open_source("udp://127.0.0.1:0?wait=0") as source, sending(source) as send:
         threading.Timer(1.0, send, PAYLOADS).start()
         assert len(take(source, 500)) == 500
-    (said,) = [line for line in caplog.messages if "nothing came" in line]
+    (said,) = [line for line in caplog.messages if "no packet arrived" in line]
     assert "Ctrl-C" in said
     assert "?idle=" in said
 

@@ -52,7 +52,7 @@ def test_another_model_at_the_same_address_is_recognised_and_no_packet_is_lost(d
     changes = [models[0], *(b for a, b in pairwise(models) if a != b)]
     assert changes == [name.split()[0].replace("-", "").lower() for name in (first, then)]
     assert models.index(models[-1]) <= 400 + NEEDED + 100
-    assert "from now on packets of a" in caplog.text
+    assert "the packets are now those of a" in caplog.text
 
 
 @pytest.mark.data
@@ -140,4 +140,4 @@ def test_packets_of_another_model_do_not_end_a_source_whose_calibration_was_give
         assert len(set(models)) == 2
         again = find_sensor(None, data_file(calibration), before, models[0])
         assert (source.sensor.hash, source.sensor.origin) == (again.hash, "given")
-    assert "read without the calibration given" in caplog.text
+    assert "so the given calibration is not used" in caplog.text

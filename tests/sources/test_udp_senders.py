@@ -256,7 +256,7 @@ def test_a_forged_packet_and_then_the_sensor_says_what_it_did(caplog):
     assert not any(isinstance(packet, FirstPacket) for packet in packets[1:])
     assert source.counts["sender changes"] == 1
     assert "because 127.0.0.2" in caplog.text
-    assert "fell silent; to choose a sensor for good" in caplog.text
+    assert "fell silent. To keep to one sensor" in caplog.text
 
 
 def test_two_sensors_on_one_port_are_said_with_both_addresses_and_the_remedy(caplog):

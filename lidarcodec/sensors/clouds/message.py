@@ -78,7 +78,7 @@ class _Values:
     def _take(self, size: int) -> bytes:
         found = self._data[self.at : self.at + size]
         if len(found) < size:
-            raise TruncatedError("a PointCloud2 message that ends too early", self.at)
+            raise TruncatedError("a PointCloud2 message ends too early", self.at)
         self.at += size
         return found
 
@@ -131,7 +131,7 @@ def read_head(payload: bytes) -> CloudHead:
     """
     form = payload[:4]
     if form != ROS1 and form not in CDR:
-        raise SectionError(f"a message that begins with {form.hex(' ') or 'nothing'} is no PointCloud2")
+        raise SectionError(f"a message that begins with {form.hex(' ') or 'nothing'} is not a PointCloud2")
     values = _Values(payload, ">" if form == b"\0\0\0\0" else "<", aligned=form != ROS1)
     if form == ROS1:
         values.u32()  # the sequence number
@@ -146,7 +146,7 @@ def read_head(payload: bytes) -> CloudHead:
     for _ in range(count):
         name, offset, kind, repeated = values.text(), values.u32(), values.u8(), values.u32()
         if kind not in _TYPES:
-            raise SectionError(f"a field '{name:.60}' of the unknown type {kind}")
+            raise SectionError(f"field '{name:.60}' has the unknown type {kind}")
         fields.append(CloudField(name, offset, _TYPES[kind], repeated))
     big_endian = values.u8() != 0
     point_step, row_step, data_bytes = values.u32(), values.u32(), values.u32()

@@ -67,7 +67,7 @@ class PcapWriter:
         size = len(packet.payload)
         seconds, fraction_ns = divmod(packet.stamp_ns, 1_000_000_000)
         if size > MAX_PAYLOAD:
-            raise SourceError(f"a payload of {size} bytes fits in no UDP datagram (limit {MAX_PAYLOAD})")
+            raise SourceError(f"a payload of {size} bytes does not fit into a UDP datagram (limit {MAX_PAYLOAD})")
         if not 0 <= seconds < MAX_SECONDS:
             raise SourceError(f"a pcap file cannot hold the time {packet.stamp_ns} ns (1970 to 2106 only)")
         record = struct.pack("<IIII", seconds, fraction_ns // self._step_ns, 42 + size, 42 + size)

@@ -72,7 +72,9 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
     if head[:4] == PCAPNG_MAGIC:
         return read_pcapng(stream, head, ending, counts)
     if path.suffix.lower() in OF_POINTS:
-        raise SourceError(f"{path} holds points, and points cannot become packets again: give the capture or recording")
+        raise SourceError(
+            f"{path} holds points, which cannot become packets again: give the capture or recording that they come from"
+        )
     what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
     raise SourceError(f"{path} is not a pcap or pcapng file: {what}")
 
@@ -146,7 +148,7 @@ class CaptureSource(PacketSource):
             if not self._warned:
                 self._warned = True
                 logger.warning(
-                    "%s is %s: %s; only the packets before that were read", self.path, ending.cause, ending.text
+                    "%s is %s: %s. Only the packets before that place were read", self.path, ending.cause, ending.text
                 )
 
     def _check(self) -> Path | None:
@@ -220,8 +222,8 @@ def _choose(
         str(path), sorted(streams, key=lambda one: -sum(map(len, streams[one]))), streams, model
     )
     if found is None:
-        raise SourceError(f"{path} holds no packets of a known sensor{_seen(lengths)}; --model packets carries any "
-                          "packets as they are")  # fmt: skip
+        raise SourceError(f"{path} holds no packets of a known sensor{_seen(lengths)}; to take packets of any "
+        "sensor, add --model packets")  # fmt: skip
     payloads = streams[chosen]
     if found == HDL64E:
         payloads = [one for one in payloads if len(one) == PACKET_BYTES]

@@ -51,7 +51,7 @@ def find_scans(path: Path) -> list[Scan]:
     times = _turns(files[0].parent.parent, [_number(file, k) for k, file in enumerate(files)])
     for file, (start, end) in zip(files, times, strict=True):
         if end < start:
-            raise SourceError(f"{file}: by its time stamps this scan ends before it begins")
+            raise SourceError(f"{file}: the time stamps of this scan end before they begin")
     return [Scan(file, start, end) for file, (start, end) in zip(files, times, strict=True)]
 
 
@@ -90,8 +90,8 @@ def _files(folder: Path) -> list[Path]:
             if found:  # .bin and .bin.xz of one name are the same scan
                 return sorted({file.name.partition(".")[0]: file for file in reversed(found)}.values(), key=_place)
     raise SourceError(
-        f"{folder} is no rosbag2 (it has no metadata.yaml) and no KITTI folder (it has no *.bin, nor have "
-        f"{', '.join(FOLDERS[1:])} in it){_captures_in(folder)}"
+        f"{folder} is neither a rosbag2 (no metadata.yaml) nor a KITTI folder (no *.bin, also not in "
+        f"{', '.join(FOLDERS[1:])}){_captures_in(folder)}"
     )
 
 

@@ -66,7 +66,7 @@ class KittiSource(PacketSource):
             sensor = without_two_point_correction(sensor or fit_rings(first) or generic_sensor())
             sensor = replace(sensor, name=f"HDL-64E ({REGRIDDED})")
             logger.warning(
-                "%s: %s to 64 x %d, because it has no native form: mention this with every result",
+                "%s: scans are %s to 64 x %d, because this data set has no packets: say so with every result",
                 path,
                 REGRIDDED,
                 columns,
@@ -130,7 +130,7 @@ def _first(scans: Sequence[Scan]) -> tuple[Scan, Points]:
         points, _ = read_points(scan.path)
         if len(points):
             return scan, points
-    raise SourceError(f"{scans[0].path} and all later scans have no points")
+    raise SourceError(f"{scans[0].path} and all scans after it have no points")
 
 
 def _calibration(scan: Path, given: Path | None) -> SensorModel | None:

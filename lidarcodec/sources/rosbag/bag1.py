@@ -97,7 +97,7 @@ def _records(file: IO[bytes], path: Path, counts: Counter[str], warn: bool) -> I
     except _DamagedError as error:
         counts["damaged"] += 1
         if warn:
-            log.warning("%s: %s; the rest was not read", path, error)
+            log.warning("%s is damaged: %s. The rest was not read", path, error)
 
 
 def _count(allowed: Allowance, seen: int) -> None:
@@ -119,7 +119,7 @@ def _length(raw: bytes, most: int) -> int:
         raise _DamagedError("it is cut off")
     length = int(_LENGTH.unpack(raw)[0])
     if length > most:
-        raise _DamagedError(f"a record of {length} bytes: the limit is {most}")
+        raise _DamagedError(f"a record has {length} bytes: the limit is {most}")
     return length
 
 
@@ -141,7 +141,7 @@ def _inside(plain: bytes) -> Iterator[_Record]:
             parts.append(plain[at : at + length])
             at += length
         if at > len(plain):
-            raise _DamagedError("a chunk that is cut off")
+            raise _DamagedError("a chunk is cut off")
         yield _Record(_fields(parts[0]), parts[1])
 
 
@@ -150,7 +150,7 @@ def _plain(chunk: _Record, expands: Allowance, read: int) -> bytes:
     raw = chunk.head.get(b"size", b"")
     size = _length(raw, MAX_RECORD)
     if not expands.spend(size, read):
-        raise _DamagedError(f"its chunks become more than {EXPANDED_TIMES} times as long")
+        raise _DamagedError(f"its chunks expand to more than {EXPANDED_TIMES} times their size")
     how = chunk.head.get(b"compression", b"none")
     if how == b"none":
         return chunk.data
@@ -163,12 +163,12 @@ def _plain(chunk: _Record, expands: Allowance, read: int) -> bytes:
 
             decompressor = lz4.frame.LZ4FrameDecompressor()
         else:
-            raise _DamagedError(f"a chunk compressed in the unknown way '{_text(how)[:20]}'")
+            raise _DamagedError(f"a chunk has the unknown compression '{_text(how)[:20]}'")
         plain: bytes = decompressor.decompress(chunk.data, max_length=size) if size else b""
     except (OSError, EOFError, ValueError, RuntimeError) as error:
-        raise _DamagedError(f"a chunk that cannot be decompressed: {error}") from None
+        raise _DamagedError(f"a chunk cannot be decompressed: {error}") from None
     if len(plain) != size:
-        raise _DamagedError(f"a chunk of {len(plain)} bytes that announces {size}")
+        raise _DamagedError(f"a chunk has {len(plain)} bytes, but announces {size}")
     return plain
 
 
@@ -179,7 +179,7 @@ def _fields(head: bytes) -> dict[bytes, bytes]:
         (length,) = _LENGTH.unpack_from(head, at)
         name, sign, value = head[at + _LENGTH.size : at + _LENGTH.size + length].partition(b"=")
         if not sign or at + _LENGTH.size + length > len(head):
-            raise _DamagedError("a record whose head is damaged")
+            raise _DamagedError("the header of a record is damaged")
         found[name] = value
         at += _LENGTH.size + length
     return found

@@ -34,7 +34,7 @@ class CodedMessages:
         """Count and log that the rest is not read. why: the reason"""
         self._counts["damaged"] += 1
         if self._warn:
-            log.warning("%s is damaged, and a part of it was skipped: %s; the rest was not read", self._path, why)
+            log.warning("%s is damaged: %s. The rest was not read", self._path, why)
 
     def frames(self, messages: Iterable[bytes]) -> Iterator[Frame]:
         """The frames that can be decoded."""

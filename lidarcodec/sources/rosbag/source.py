@@ -163,7 +163,7 @@ def _files_of(path: Path) -> list[Path]:
     files = [path / Path(name).name for name in names]  # some versions write the folder before the name
     for file in files:
         if not file.is_file():
-            raise SourceError(f"{path} lacks {file.name}, which {METADATA} names")
+            raise SourceError(f"{path} does not contain {file.name}, which {METADATA} names")
     return files
 
 
@@ -217,13 +217,13 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None, model: str | No
     names = [name for kind in sought for name in has[kind]]
     if wanted is not None and wanted not in names:
         text = " or ".join(kind for kind in sought if has[kind]) or " or ".join(sought[:2])
-        raise SourceError(f"{path} has no {text} on topic {wanted}; it has these: {', '.join(names) or 'none'}")
+        raise SourceError(f"{path} has no {text} on topic {wanted}: choose one of {', '.join(names) or 'none'}")
     if wanted is not None:
         return wanted, types[wanted]
     kind = next((kind for kind in sought if has[kind]), None)
     if kind is None:
-        raise SourceError(f"{path} has no {' or '.join(sought)}; its topics have "
-                          f"{', '.join(sorted(set(types.values()))[:NAMED_TYPES]) or 'no messages'}")  # fmt: skip
+        raise SourceError(f"{path} has no {' or '.join(sought)}: the types of its topics are "
+        f"{', '.join(sorted(set(types.values()))[:NAMED_TYPES]) or 'no messages'}")  # fmt: skip
     if len(has[kind]) > 1:
         chosen = f"choose one with ?topic=NAME, of {', '.join(has[kind])}"
         raise SourceError(f"{path} has {_WHAT[kind]} on several topics: {chosen}")

@@ -203,7 +203,7 @@ def _check_tables(database: sqlite3.Connection) -> None:
             raise ValueError(f"no table {table}")
         columns = {row[1]: row[6] for row in database.execute(f"PRAGMA table_xinfo({table})")}
         if any(columns.values()):
-            raise ValueError(f"table {table} has columns that are computed, not stored")
+            raise ValueError(f"table {table} has computed columns, which are not read")
         if not needed <= set(columns) <= needed | possible:
             raise ValueError(f"table {table} has the columns {', '.join(sorted(columns))[:80]}")
 

@@ -96,7 +96,9 @@ class SpinningSource(SimulatedDrive):
         Raises SourceError for none, or more than those of 100 turns.
         """
         if not 1 <= packets <= 100 * self.frame_packets:
-            raise SourceError(f"sim:{self.scene}: truth of 1 to {100 * self.frame_packets} packets, not {packets}")
+            raise SourceError(
+                f"sim:{self.scene}: the truth can be had of 1 to {100 * self.frame_packets} packets, not {packets}"
+            )
         return self._make(self._spinning(), self._first, packets)
 
     def _begins_turn(self, first: int) -> int:

@@ -96,7 +96,9 @@ def unit_of(wanted: Wanted, seed: int, start_ns: int) -> Unit:
         raise UnknownNameError("simulated sensor", wanted.sensor, ("hdl64e", *names()))
     if wanted.sensor in OUSTERS:
         if wanted.returns is not None:
-            raise SourceError(f"the returns of an {wanted.sensor} are named by its profile: write profile=...")
+            raise SourceError(
+                f"the profile of an {wanted.sensor} says which returns it sends: write profile=... instead of returns="
+            )
         profile, mode = (wanted.profile or PROFILE).upper(), wanted.mode or MODE
         if profile not in PIXELS:
             raise UnknownNameError("profile", profile, tuple(PIXELS))
@@ -105,7 +107,7 @@ def unit_of(wanted: Wanted, seed: int, start_ns: int) -> Unit:
         family, _, rows = wanted.sensor.removeprefix("os").partition("-")
         return OusterUnit(metadata_of(family, int(rows), profile, mode), start_ns)
     if wanted.profile is not None or wanted.mode is not None:
-        raise SourceError(f"a {wanted.sensor} has neither profile nor mode: only Ousters have")
+        raise SourceError(f"profile and mode are only for Ousters: leave them out for a {wanted.sensor}")
     returns = wanted.returns or RETURNS[0]
     if returns not in RETURNS:
         raise UnknownNameError("kind of returns", returns, RETURNS)

@@ -168,7 +168,7 @@ def listener_beside(
         if port is not None:
             raise
         logger.warning(
-            "position packets of the sensor cannot be received: %s; to go without them, add ?position=off", error
+            "position packets of the sensor cannot be received: %s. To leave them out, add ?position=off", error
         )
         return None
 

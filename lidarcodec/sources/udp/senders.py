@@ -84,7 +84,7 @@ class Senders:
                 else f"packets of {self._place} do not follow each other as those of a sensor do"
             )
             logger.warning(
-                "%s: now reading packets from %s, because %s; to choose a sensor for good, add ?src=ADDRESS",
+                "%s: now reading packets from %s, because %s. To keep to one sensor, add ?src=ADDRESS",
                 self._label,
                 place,
                 why,

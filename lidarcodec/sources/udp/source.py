@@ -146,7 +146,7 @@ class UdpSource(PacketSource):
         """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=&model=`."""
         spec.only("src", "any", "idle", "wait", "interface", "share", "position", "model")
         if spec.model() == POINTCLOUD2:
-            raise SourceError(f"{spec.text}: point clouds come from bags, or live from ros2:/TOPIC, not over UDP")
+            raise SourceError(f"{spec.text}: point clouds cannot come over UDP: read a bag, or ros2:/TOPIC live")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""
@@ -217,7 +217,7 @@ class UdpSource(PacketSource):
     def _say_silent(self) -> None:
         limit_s = self._idle_s
         until = "until Ctrl-C (?idle=60 gives up after 60 s)" if limit_s is None else f"for up to {limit_s:g} s"
-        logger.warning("%s: nothing came within %g s; waiting %s", self.label, SAY_S, until)
+        logger.warning("%s: no packet arrived within %g s; waiting %s", self.label, SAY_S, until)
 
     def _await(self, wait_s: float) -> None:
         """Wait for the model and the calibration table, and hold packets meanwhile."""
@@ -300,7 +300,7 @@ class UdpSource(PacketSource):
         before, self._given, self.silent = self._given, sensor, False
         self.sensor = sensor.with_convention(self.sensor.convention)
         if before.model != sensor.model:
-            logger.warning("%s: from now on packets of a %s are read", self.label, sensor.name)
+            logger.warning("%s: the packets are now those of a %s, and are read as such", self.label, sensor.name)
         warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
 
     def _look_at(self, payload: bytes) -> None:
@@ -349,7 +349,7 @@ class UdpSource(PacketSource):
             if not self._settled:
                 raise
             logger.warning(
-                "%s: packets of another sensor are read without the calibration given: %s", self.label, error
+                "%s: these are packets of another sensor, so the given calibration is not used: %s", self.label, error
             )
             return self._calibrated(model, first, None)
 

@@ -38,11 +38,15 @@ def metadata_beside(capture: Path, payloads: Sequence[bytes]) -> Path | None:
         read = _read(own)
         if read is not None and fits(read, payloads):
             return own
-        log.warning("not used: %s is not the metadata of the Ouster that sent %s", own, capture)
+        log.warning("%s is not used, because it is not the metadata of the Ouster that sent %s", own, capture)
     for paths in _like(capture.parent, name, own):
         fitting = [path for path in paths if (read := _read(path)) is not None and fits(read, payloads)]
         if len(fitting) > 1:
-            log.warning("not used: each of %s could be the metadata of %s", ", ".join(map(str, fitting)), capture)
+            log.warning(
+                "%s are not used, because each could be the metadata of %s: give one with --calibration",
+                ", ".join(map(str, fitting)),
+                capture,
+            )
         if fitting:
             return fitting[0] if len(fitting) == 1 else None
     return None

@@ -105,7 +105,7 @@ def read_metadata(metadata: bytes) -> OusterMetadata:
     product = _text(tree, "sensor_info", "prod_line") or ""
     line = _PRODUCT.match(product)
     if product and line is None:
-        raise CalibrationError(f"prod_line is {product!r:.40}: it is not an OS0, OS1, OS2 or OSDome")
+        raise CalibrationError(f"prod_line is {product!r:.40}, which is not an OS0, OS1, OS2 or OSDome")
     family = line[1].lower() if line else "1"
     origin = _number(tree, "lidar_origin_to_beam_origin_mm", "beam_intrinsics")
     if origin is None:
@@ -203,7 +203,7 @@ def _layout(tree: dict[str, Any], data: dict[str, Any], rows: int, columns: int)
     profile = data.get("udp_profile_lidar", _find(tree, "config_params", "udp_profile_lidar"))
     profile = LEGACY if profile is None else profile
     if not isinstance(profile, str) or profile not in PIXELS:
-        raise CalibrationError(f"the profile {profile!r:.60} is unknown: {', '.join(PIXELS)} are known")
+        raise CalibrationError(f"the profile {profile!r:.60} is unknown: choose one of {', '.join(PIXELS)}")
     head = data.get("header_type", "FUSA" if profile == FUSA else "STANDARD")
     if head not in ("STANDARD", "FUSA"):
         raise CalibrationError(f"header_type must be STANDARD or FUSA, not {head!r:.40}")

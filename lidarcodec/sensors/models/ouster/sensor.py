@@ -94,7 +94,7 @@ class OusterSensor:
             raise CalibrationError(f"metadata {name}: {error}") from error
         layout = replace(read_metadata(data).layout, turn_columns=self.layout.turn_columns)
         if layout != self.layout:
-            raise CalibrationError(f"metadata {name}: it is of {model.name}, but the packets are of {self.title}")
+            raise CalibrationError(f"metadata {name} is of {model.name}, but the packets are of {self.title}")
         return model
 
     def layout_of(self, payload: bytes) -> OusterLayout | None:
@@ -166,7 +166,7 @@ class OusterSensor:
     def _directions(self) -> Metres:
         """(3, H, 3): x, y and z of each beam's direction, as factors of cos e, sin e and 1."""
         if self.metadata is None:
-            raise CalibrationError("the directions of beams are in the metadata")
+            raise CalibrationError("points of this sensor need its metadata, which has the directions of its beams")
         elevation, offset = np.radians(self.metadata.beam_altitude_deg), np.radians(self.metadata.beam_azimuth_deg)
         flat, cos, sin = np.cos(elevation), np.cos(offset), np.sin(offset)
         zero = np.zeros(len(flat))
