@@ -137,7 +137,7 @@ class Archive:
             (wanted, self.lost), commits = segments_where(self.store, condition), commits_of(self.store)
             if wanted.keys() <= {commit.segment for commit in commits}:
                 return [Chosen(one, frozenset(wanted[one.segment])) for one in commits if one.segment in wanted]
-        raise SourceError(f"{self.store.url}: segments are being replaced all the time: try again later")
+        raise SourceError(f"{self.store.url}: segments are being replaced at the moment: try again later")
 
     def tables(self) -> list[str]:
         """Names of the Parquet files with the rows of all frames."""
@@ -167,7 +167,7 @@ def time_ns(time: Time) -> int:
     try:
         moment = datetime.fromisoformat(time) if isinstance(time, str) else time
     except ValueError:
-        raise SettingsError(f"'{time}' is no time: write it as 2026-11-26T12:00:00Z", "between") from None
+        raise SettingsError(f"'{time}' is not a time: write it as 2026-11-26T12:00:00Z", "between") from None
     whole = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = whole - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000

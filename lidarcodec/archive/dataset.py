@@ -54,7 +54,7 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
         if not segments:
             raise SourceError(f"{store.url} has no such segment")
         if not 1 <= buffer <= MAX_BUFFER:
-            raise SettingsError(f"a buffer has from 1 to {MAX_BUFFER:,} frames, not {buffer}", "buffer")
+            raise SettingsError(f"the buffer must have 1 to {MAX_BUFFER:,} frames, not {buffer}", "buffer")
         if (rank is None) != (world is None) or (rank is not None and world is not None and not 0 <= rank < world):
             raise SettingsError("give rank and world, with 0 <= rank < world, or neither", "rank")
         self._store, self._segments, self._limits = store, segments, limits
@@ -75,7 +75,7 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
     def set_epoch(self, epoch: int) -> None:
         """Choose the order of the next iteration. Call it before each epoch, in the process of the DataLoader."""
         if not 0 <= epoch < 1 << 63:
-            raise SettingsError(f"an epoch is a number from 0, not {epoch}", "epoch")
+            raise SettingsError(f"the epoch must be 0 or more, not {epoch}", "epoch")
         self._epoch[0] = epoch
 
     def __iter__(self) -> Iterator[Any]:
@@ -114,7 +114,9 @@ class FrameDataset(IterableDataset):  # type: ignore[misc]
             messages = messages_of(self._store, chosen, self._limits, piece.part, _READ)
             yield from decoded_frames(messages, self._limits)
         except FileNotFoundError as error:
-            raise SourceError(f"{error}: it was removed since the dataset was made, so make that again") from None
+            raise SourceError(
+                f"{error}: it was removed after the dataset was opened, so open the dataset again"
+            ) from None
         except (LidarCodecError, OSError) as error:  # one kind, which a DataLoader can carry to its own process
             commit = chosen.commit
             name = f"{commit.vehicle}/{commit.sensor}/{commit.segment}"

@@ -108,7 +108,7 @@ def drive(
                 tick()
                 continue
             if ended.how == "missing":
-                raise SettingsError(f"the workers cannot do this: {ended.why}")
+                raise SettingsError(f"the workers cannot run these tasks: {ended.why}")
             key = ended.task.key
             (kills if ended.how == "killed" else failures)[key] += 1
             if ended.how == "refused" or failures[key] >= TRIES or kills[key] >= KILLS:

@@ -59,7 +59,7 @@ def messages_of(
     """
     places = places_of(value := read_commit(store, chosen.commit))
     if chosen.offsets is not None and not chosen.offsets <= {place.offset for place in places}:
-        raise SourceError(f"{chosen.commit.name} lacks messages that the table of its frames has")
+        raise SourceError(f"{chosen.commit.name} does not have all messages that its table of frames lists")
     fits = _by_time(places, limits) if chosen.offsets is None else _at(chosen.offsets)
     found = [place.offset for place in places if fits(place)]
     first, end = (len(found) * number // part.of for number in (part.number, part.number + 1))

@@ -55,7 +55,7 @@ def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
             raise ValueError("it is of another format or segment")
         for key, folder in (("object", "recordings"), ("table", "frames")):
             if not check_name(_text(value[key])).startswith(f"{folder}/{commit.vehicle}/{commit.sensor}/"):
-                raise ValueError(f"its {key} lies elsewhere")
+                raise ValueError(f"its {key} is in another place")
         for key, most in (("bytes", _MAX_BYTES), ("frames", MAX_FRAMES), ("packets", 1 << 40)):
             _number(value[key], most, key)
         for key in ("bound_m", "error_m"):
@@ -68,11 +68,11 @@ def read_commit(store: Store, commit: Commit) -> dict[str, Any]:
         if (frames := sum(place.frames for place in places)) > MAX_FRAMES:
             raise ValueError(f"it has more than {MAX_FRAMES:,} frames")
         if frames < value["frames"]:
-            raise ValueError(f"its messages have {frames:,} of {value['frames']:,} frames")
+            raise ValueError(f"its messages have only {frames:,} of {value['frames']:,} frames")
         end = 0
         for place in places:
             if place.offset < end:
-                raise ValueError("a message lies over the one before it")
+                raise ValueError("a message overlaps the one before it")
             end = place.offset + place.length
         if end > value["bytes"]:
             raise ValueError("a message lies beyond the end of the recording")

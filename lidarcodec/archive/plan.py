@@ -34,7 +34,7 @@ def archive_settings(settings: StreamSettings) -> StreamSettings:
     Raises SettingsError for two layers: an archive finds frames by their messages alone.
     """
     if settings.base_error_m is not None:
-        raise SettingsError("an archive holds one layer: leave base_error_m out", "base_error_m")
+        raise SettingsError("an archive cannot hold refinements: leave out base_error_m", "base_error_m")
     if settings.codec not in ALONE or "key_interval" in settings.model_fields_set:
         return settings
     return settings.model_copy(update={"key_interval": 1})
@@ -128,7 +128,7 @@ class CompressPlan:
         try:
             return read_plan(self._target, self._contents.plans[origin].object)
         except SourceError as error:
-            log.warning("the input is cut again: %s", error)
+            log.warning("the input is divided into segments again: %s", error)
             return None
 
     def _segments(self, cutting: Task, plan: dict[str, Any]) -> Iterator[Task]:

@@ -64,10 +64,10 @@ class Policy:
             found = tomllib.loads(data.decode())
             rules = found.pop("rule", None)
             if found or not isinstance(rules, list) or not rules:
-                raise SettingsError(f"{path} must have [[rule]] tables, and nothing else", "policy")
+                raise SettingsError(f"{path} must have only [[rule]] tables", "policy")
             return cls([_rule(number, one, made) for number, one in enumerate(rules, 1)], now_ns)
         except ValueError as error:  # no TOML, no UTF-8
-            raise SettingsError(f"{path} is no policy: {error}", "policy") from None
+            raise SettingsError(f"{path} is not a policy: {error}", "policy") from None
 
     def settings_for(self, commit: Commit) -> dict[str, Any] | None:
         """Plain settings that a segment should have; None if it should stay as it is."""
@@ -81,13 +81,13 @@ class Policy:
 def _rule(number: int, values: Any, made: Made) -> Rule:
     name = f"rule {number}"
     if not isinstance(values, dict) or not _KEYS.issuperset(values):
-        raise SettingsError(f"{name} may have {', '.join(sorted(_KEYS))}, and nothing else", "policy")
+        raise SettingsError(f"{name} may have only {', '.join(sorted(_KEYS))}", "policy")
     days, more = values.get("after_days"), values.get("set", {})
     if isinstance(days, bool) or not isinstance(days, int | float) or not 0 <= days <= MAX_DAYS:
         raise SettingsError(f"{name} needs after_days, from 0 to {MAX_DAYS:,}", "policy")
     texts = {key: values.get(key, "*") for key in ("vehicle", "sensor")} | {"codec": values.get("codec", "")}
     if not all(isinstance(text, str) for text in texts.values()) or not isinstance(more, dict):
-        raise SettingsError(f"{name}: vehicle, sensor and codec are texts, set is a table", "policy")
+        raise SettingsError(f"{name}: vehicle, sensor and codec must be texts, and set must be a table", "policy")
     if not texts["codec"] and not more:
         raise SettingsError(f"{name} changes nothing: give codec or set", "policy")
     settings = made(texts["codec"] or None, more)

@@ -90,7 +90,7 @@ def push(
             served = path.parent != folder
             name = _name(file, f"{path.parent.name}-{path.name}" if served else path.name)
             if name is None:
-                log.warning("a file was left out: %s is no recording, or has an odd name", path)
+                log.warning("a file was left out: %s is not a recording, or its name has odd characters", path)
                 counts["unreadable"] += 1
                 continue
             stored, told = _uploaded(file, name, store, rate, counts)
@@ -125,15 +125,17 @@ def _uploaded(
     noted = (one for one in names if _told(store, one) == told)
     name = next(noted, None) or next((one for one in names if _reserved(store, one, told)), None)
     if name is None:
-        raise SourceError(f"the store has other objects under the names of {wanted}: the recording was kept here")
+        raise SourceError(
+            f"the store already has other objects with the names of {wanted}: the local recording was kept"
+        )
     if store.size(name) == size:
         counts["already_there"] += 1
         return name, told
     if name != wanted:
-        log.warning("the store has another recording as %s: this one becomes %s", wanted, name)
+        log.warning("the store already has another recording named %s: this one is stored as %s", wanted, name)
     store.upload(name, _pieces(file, rate))
     if store.size(name) != size:
-        raise SourceError(f"{name} in the store has another size than what was sent: the recording was kept here")
+        raise SourceError(f"{name} in the store does not have the size that was sent: the local recording was kept")
     counts["uploaded"] += 1
     counts["bytes"] += size
     return name, told
@@ -172,7 +174,7 @@ def _sha256(store: Store, name: str) -> str:
 def _check_stored(store: Store, name: str, expected: str, path: Path) -> None:
     """Raise SourceError if the store does not give back the same bytes."""
     if _sha256(store, name) != expected:
-        raise SourceError(f"{name} in the store is not what {path} holds: it was kept here")
+        raise SourceError(f"{name} in the store differs from {path}, which was kept")
 
 
 def _delete(path: Path, read: os.stat_result) -> bool:
@@ -180,7 +182,7 @@ def _delete(path: Path, read: os.stat_result) -> bool:
     try:
         there = path.lstat()
         if _identity(there) != _identity(read):
-            raise SourceError(f"{path} changed while it was uploaded: it was kept here")
+            raise SourceError(f"{path} changed while it was uploaded: it was kept")
         path.unlink()
     except FileNotFoundError:
         return False

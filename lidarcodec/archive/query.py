@@ -98,7 +98,7 @@ def _selects(connection: Any, sql: str) -> Any:
     if not statements:
         raise SettingsError("the query is empty", "sql")
     if len(statements) > 1 or statements[0].type != duckdb.StatementType.SELECT:
-        raise SettingsError("the query is not one SELECT: nothing else may be asked of an archive", "sql")
+        raise SettingsError("the query must be a single SELECT", "sql")
     return statements[0]
 
 

@@ -45,7 +45,7 @@ class Segment:
             raise ValueError("a number of a segment is out of range")
         found = cls(**values)
         if not (0 <= found.first <= found.last and found.first_ns <= found.last_ns and 0 < found.frames <= MAX_FRAMES):
-            raise ValueError("a segment begins behind its end, or has no frame or too many")
+            raise ValueError("a segment ends before it begins, or has no frame, or too many")
         return found
 
 

@@ -116,7 +116,7 @@ def duckdb_errors() -> Iterator[None]:
     except duckdb.InterruptException:
         raise TimeoutError("the query took too long") from None
     except duckdb.OutOfMemoryException as error:
-        raise QueryMemoryError(f"the query needs more memory than it may take: ask for less ({_line(error)})") from None
+        raise QueryMemoryError(f"the query needs more memory than is allowed: ask for less ({_line(error)})") from None
     except duckdb.InvalidInputException as error:
         raise SourceError(f"the archive has a damaged table: {_line(error)}") from None
     except duckdb.Error as error:

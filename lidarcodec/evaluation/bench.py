@@ -65,7 +65,9 @@ def bench(
     Raises SettingsError, UnknownNameError, SourceError, and DecodeError if the codec cannot decode its own messages.
     """
     if settings.base_error_m is not None:
-        raise SettingsError("bench measures one layer: compare recordings of `encode` instead", "base_error_m")
+        raise SettingsError(
+            "bench cannot measure base_error_m: encode recordings and compare their sizes instead", "base_error_m"
+        )
     encoder = StreamEncoder(settings)
     if learn:
         encoder.learn(0)

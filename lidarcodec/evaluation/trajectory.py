@@ -152,7 +152,7 @@ def _looked_up(poses: Poses, stamps: npt.NDArray[np.int64]) -> Matrix:
     found = [poses.at(int(stamp)) for stamp in stamps]
     missing = next((int(stamp) for stamp, pose in zip(stamps, found, strict=True) if pose is None), None)
     if missing is not None:
-        raise SourceError(f"the poses do not cover {missing / 1e9:.3f} s of the scans")
+        raise SourceError(f"the poses do not cover {missing / 1e9:.3f} s of the drive: give poses for all of it")
     return np.stack([pose for pose in found if pose is not None])
 
 
@@ -201,7 +201,7 @@ class CellMeans:
         self._new = []
         cells = np.floor(means / self._cell_m).astype(np.int64) + (1 << 20)
         if len(cells) and not 0 <= cells.min() <= cells.max() < 1 << 21:
-            raise SourceError("a map of scans is more than 100 km wide: the poses must be wrong")
+            raise SourceError("the scans are spread over more than 100 km: check the poses")
         _, place = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_inverse=True)
         self._seen = np.bincount(place, seen).astype(np.int64)
         self._sums = np.stack([np.bincount(place, means[:, axis] * seen) for axis in range(3)], axis=1)
@@ -214,7 +214,7 @@ class PlaneMap:
         import small_gicp
 
         if len(points) < _LEAST_POINTS:
-            raise SourceError(f"a map of {len(points)} points is too small to register scans")
+            raise SourceError(f"the map has {len(points)} points, which is too few to register scans")
         self._cloud = small_gicp.PointCloud(np.ascontiguousarray(points, np.float64))
         self._tree = small_gicp.KdTree(self._cloud)
         small_gicp.estimate_normals(self._cloud, self._tree, neighbours, 1)
@@ -263,7 +263,7 @@ def refine(scans: Sequence[Scan], start: Trajectory, rounds: int = 1, tick: Tick
     Raises SourceError if the numbers of scans and poses differ, or there are too few points to register.
     """
     if len(scans) != len(start):
-        raise SourceError(f"{len(scans)} scans cannot be refined with {len(start)} poses")
+        raise SourceError(f"there are {len(scans)} scans, but {len(start)} poses to refine")
     found = start
     for _ in range(rounds):
         reference = PlaneMap(map_of(scans, found, least_seen=2 if len(scans) >= 2 * _BENT else 1))
@@ -302,7 +302,7 @@ def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: N
             first.append(scan)
         tick()
     if not first:
-        raise SourceError("there is no frame for odometry")
+        raise SourceError("the source has no frame for odometry")
     poses = chain.poses
     if len(first) > 2:
         last = len(first) - 1

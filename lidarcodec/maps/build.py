@@ -58,7 +58,7 @@ class MapBuilder:
         self._before = place
         if moved_m >= PLACE_M:
             if len(self.path) == MOST_PLACES:
-                raise SourceError("a map holds at most 65 km of drives: build several maps")
+                raise SourceError("a map can hold at most 65 km of drives: build several maps")
             self.path.append(place)
         self._grid.add(points, place, len(self.path) - 1, look_through=moved_m >= PLACE_M)
         self.scans += 1
@@ -84,7 +84,10 @@ class MapBuilder:
                 written += len(made.steps)
             tick()
         if written < FEWEST:
-            raise SourceError(f"only {written} points were seen {self._least_seen} times: too few for a map")
+            raise SourceError(
+                f"only {written} points were seen by at least {self._least_seen} scans, which is "
+                "too few for a map: use more frames, or a smaller --least-seen"
+            )
         writer.close(np.array(self.path), self.length_m)
         return written
 

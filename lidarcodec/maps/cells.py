@@ -128,7 +128,7 @@ class CellGrid:
         wide = round(self._tile_m / self._cell_m)
         cells[:, :2] %= wide
         if len(cells) and not -_HALF <= cells[:, 2].min() <= cells[:, 2].max() < _HALF:
-            raise SourceError("the points of a map are more than 200 km high or deep: the poses must be wrong")
+            raise SourceError("the points of the map are spread over more than 200 km in height: check the poses")
         keys: Ints = ((cells[:, 2] + _HALF) * wide + cells[:, 1]) * wide + cells[:, 0]
         return keys
 

@@ -100,8 +100,8 @@ def world_scans(drives: Sequence[DriveSpec], tick: Tick = lambda: None) -> Itera
     poses = [drive.given_poses() for drive in drives]
     if len(drives) > 1 and None in poses:
         raise SettingsError(
-            f"{drives[poses.index(None)].spec} has no poses: several drives need poses in one frame, so give --poses "
-            "FILE once for each (drives are not aligned by their overlap)",
+            f"{drives[poses.index(None)].spec} has no poses: several drives need poses in a common frame, so "
+            "give --poses FILE once for each (drives are not aligned automatically)",
             "poses",
         )
     for drive, given in zip(drives, poses, strict=True):
@@ -148,7 +148,7 @@ def found_trajectory(drive: DriveSpec, tick: Tick = lambda: None) -> Trajectory:
 
     start = odometry(counted(), tick=tick)
     if len(stamps) < 2:
-        raise SourceError(f"{drive.spec} has {len(stamps)} whole turns: too few for a map")
+        raise SourceError(f"{drive.spec} has {len(stamps)} whole turns, which is too few for a map")
     return refine(_Again(drive, len(stamps)), start, 1, tick)
 
 

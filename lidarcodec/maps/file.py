@@ -102,7 +102,7 @@ def about_of(data: bytes) -> About:
     if data[: len(MAGIC)] != MAGIC:
         raise HeaderError("this is not a map of lidarcodec", 0)
     if len(data) < HEAD_BYTES:
-        raise TruncatedError("a map ends before what its head announces", len(data))
+        raise TruncatedError("the map ends too early", len(data))
     fields = HEAD.unpack(_checked(data[:HEAD_BYTES], 0))
     return About(_head_of(fields), *fields[12:18])
 
@@ -111,7 +111,8 @@ def check_step(step_um: int) -> None:
     """Raise SettingsError for a step that a map cannot have. Tiles of 50 m are a whole number of steps wide."""
     if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or TILE_M * 1_000_000 % step_um:
         raise SettingsError(
-            f"a step of {step_um / 1e6:g} m: take 1 mm to 1 m, of which 50 m is a whole number, such as 0.01 or 0.02",
+            f"a step of {step_um / 1e6:g} m is not possible: choose 0.001 to 1 m that divides 50 m, such as "
+            "0.01 or 0.02",
             "step",
         )
 
@@ -131,7 +132,7 @@ class MapWriter:
     def write(self, tile: Tile) -> None:
         """Append a tile. Raises SettingsError."""
         if max(abs(tile.x), abs(tile.y), abs(int(tile.steps[:, 2].min()))) >= MOST_PLACE // 2:
-            raise SettingsError("a point of a map lies too far from its origin: are the poses right?")
+            raise SettingsError("a point of the map is too far from the origin: check the poses")
         head = self._head
         self.append(tile.x, tile.y, encode_tile(tile, head.width, head.step_m, head.bits), len(tile.steps))
 
@@ -144,7 +145,7 @@ class MapWriter:
     def close(self, path: npt.NDArray[np.floating], length_m: float) -> None:
         """Write the path, the index and the head. path: (P, 3) in metres"""
         if np.abs(path).max(initial=0.0) * 100 >= MOST_PATH_CM // 2:
-            raise SettingsError("the path of a map leads too far from its origin: are the poses right?")
+            raise SettingsError("the path of the map leads too far from the origin: check the poses")
         self.end(_with_crc(_path_bytes(path)), len(path), length_m)
 
     def end(self, path: bytes, path_places: int, length_m: float) -> None:
@@ -196,9 +197,9 @@ class MapReader:
         self.about = about = about_of(self._take(0, min(HEAD_BYTES, self._size)))
         self.head, self.length_m, path_at, path_count, index_at, tiles, self._points = about
         if not HEAD_BYTES <= path_at <= index_at <= self._size - 4:
-            raise HeaderError("the parts of a map are not where its head says", 0)
+            raise HeaderError("the parts of the map are not where its header says", 0)
         if tiles > index_at or path_count > min(MOST_PATH, index_at - path_at):
-            raise HeaderError("a map has less bytes than tiles, or than places of its path", 0)
+            raise HeaderError("the map has more tiles, or more places on its path, than its bytes can hold", 0)
         self.path = path_of(self._take(path_at, index_at - path_at), path_count)
         self.places = _places_of(_checked(self._take(index_at, self._size - index_at), index_at), tiles, path_at)
         if self._points > POINTS_PER_BYTE * (path_at - HEAD_BYTES):
@@ -239,7 +240,7 @@ class MapReader:
         """A tile of `places`. Raises ChecksumError, TruncatedError, SectionError."""
         found = decode_tile(self._take(place.offset, place.size), self.head.width, self.head.bits)
         if (found.x, found.y) != (place.x, place.y):
-            raise HeaderError("a tile of a map is not the one that the index says", place.offset)
+            raise HeaderError("a tile of the map does not match the index", place.offset)
         return found
 
     def tiles(self) -> Iterator[Tile]:
@@ -252,7 +253,7 @@ class MapReader:
         tiles = list(self.tiles())
         steps = np.concatenate([tile.steps for tile in tiles]) if tiles else np.empty((0, 3), np.int64)
         if len(steps) != len(self):
-            raise HeaderError(f"a map has {len(steps)} points, but its head says {len(self)}", 0)
+            raise HeaderError(f"the map has {len(steps)} points, but its header says {len(self)}", 0)
         columns = {
             name: np.concatenate([tile.columns[:, at] for tile in tiles]) if tiles else np.empty(0, np.uint16)
             for at, name in enumerate(self.head.columns)
@@ -263,7 +264,7 @@ class MapReader:
         self._file.seek(offset)
         data = self._file.read(size)
         if len(data) < size:
-            raise TruncatedError("a map ends before what its head announces", offset + len(data))
+            raise TruncatedError("the map ends too early", offset + len(data))
         return data
 
 
@@ -279,7 +280,9 @@ def read_map(path: Path) -> MapPoints:
 def _head_of(fields: tuple[Any, ...]) -> Head:
     _, major, minor, columns, _, step_um, width, zone, south, *rest = fields
     if major != VERSION[0]:
-        raise UnsupportedVersionError(f"a map of version {major}.{minor!r}: this program reads {VERSION[0]}", 8)
+        raise UnsupportedVersionError(
+            f"the map has version {major}.{minor!r}, but this program reads version {VERSION[0]}", 8
+        )
     names = {number: name for name, number in COLUMNS.items()}
     numbers, bits = fields[19:27], fields[27:35]
     known = {names.get(number, ""): bit for number, bit in zip(numbers[:columns], bits, strict=False)}
@@ -289,9 +292,9 @@ def _head_of(fields: tuple[Any, ...]) -> Head:
         or len(known) != columns
         or not all(1 <= bit <= 16 for bit in known.values())
     ):
-        raise HeaderError("a map has columns that this program does not know", HEAD.size - 16)
+        raise HeaderError("the map has columns that this program does not know", HEAD.size - 16)
     if not LEAST_STEP_UM <= step_um <= MOST_STEP_UM or TILE_M * 1_000_000 % step_um or zone > 60:
-        raise HeaderError("a map has a step that maps cannot have, or a zone of UTM that is not there", 12)
+        raise HeaderError("the map has an impossible step, or a UTM zone that does not exist", 12)
     if not all(np.isfinite(number) for number in rest[:4]):
         raise HeaderError("the origin or the length of a map is not a number", 24)
     head = Head(int(step_um), known, MapFrame(int(zone), bool(south), (rest[0], rest[1], rest[2])))
@@ -310,7 +313,7 @@ def _with_crc(data: bytes) -> bytes:
 
 def _checked(data: bytes, offset: int) -> bytes:
     if len(data) < 4:
-        raise TruncatedError("a part of a map ends in its checksum", offset)
+        raise TruncatedError("a part of the map is shorter than its checksum", offset)
     if _native.crc32c(data[:-4]) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of a part of a map does not match", offset)
     return data[:-4]
@@ -330,7 +333,7 @@ def path_of(data: bytes, count: int) -> npt.NDArray[np.float32]:
     reader = VarintReader(_checked(data, 0))
     steps = [[reader.signed(MOST_PATH_CM) for _ in range(3)] for _ in range(count)]
     if len(reader):
-        raise TruncatedError("bytes after the end of the path of a map", reader.offset)
+        raise TruncatedError("the map has bytes after the end of its path", reader.offset)
     return (np.cumsum(np.array(steps, np.int64).reshape(-1, 3), axis=0) / 100).astype(np.float32)
 
 
@@ -344,7 +347,7 @@ def _places_of(data: bytes, count: int, end: int) -> list[Place]:
         places.append(Place(x, y, offset, size))
         offset += size
     if offset != end or len(reader):
-        raise HeaderError("the tiles of a map do not fill the space that its head says", offset)
+        raise HeaderError("the tiles of the map do not have the size in its header", offset)
     if len({(place.x, place.y) for place in places}) != len(places):
-        raise HeaderError("a map has two tiles at one place", 0)
+        raise HeaderError("the map has two tiles at the same place", 0)
     return places

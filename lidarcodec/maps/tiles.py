@@ -47,13 +47,13 @@ def encode_tile(tile: Tile, width: int, step_m: float, bits: Sequence[int]) -> b
     if local.min() < 0 or local[:, :2].max() >= width:
         raise SettingsError("a point lies outside of its tile")
     if _alike(local):
-        raise SettingsError("two points of a map are alike")
+        raise SettingsError("two points of the map are the same")
     points, values = local.astype(np.uint32), np.ascontiguousarray(tile.columns)
     found: tuple[bytes, tuple[int, int, int]] | None = None
     for cells, reach in FORMS[: 1 if len(local) > DENSE else None]:
         levels = int(local.max() // (cell * cells)).bit_length()
         if levels > 16:
-            raise SettingsError("a tile of a map is too high for its step")
+            raise SettingsError("a tile of the map is too high for its step")
         data = _native.encode_tile(points, values, levels, cell * cells, reach, list(bits))
         if found is None or len(data) < len(found[0]):
             found = data, (levels, cell * cells, reach)
@@ -100,7 +100,7 @@ def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
     if steps[:, :2].max() >= width:
         raise SectionError("a tile of a map has a point outside of it", 4)
     if _alike(steps):
-        raise SectionError("a tile of a map has a point twice", 4)
+        raise SectionError("a tile of the map has the same point twice", 4)
     steps += np.array([x * width, y * width, z])
     return Tile(x, y, steps, columns)
 
@@ -108,7 +108,7 @@ def decode_tile(data: bytes, width: int, bits: Sequence[int]) -> Tile:
 def _opened(data: bytes) -> tuple[list[int], int, VarintReader]:
     """Place and lowest step of a coded tile, the number of its points, and what follows."""
     if len(data) < 4:
-        raise TruncatedError("a tile of a map ends in its checksum", len(data))
+        raise TruncatedError("a tile of the map is shorter than its checksum", len(data))
     if _native.crc32c(data[4:]) != int.from_bytes(data[:4], "little"):
         raise ChecksumError("the checksum of a tile of a map does not match", 0)
     reader = VarintReader(data[4:])

@@ -72,7 +72,7 @@ class MapWorld:
         import small_gicp
 
         if len(points) < FEWEST:
-            raise SourceError(f"a map of {len(points)} points is too small to register scans")
+            raise SourceError(f"the map has {len(points)} points, which is too few to register scans")
         # around the origin, because turns about one that is far away are badly conditioned
         self._middle = np.eye(4)
         self._middle[:3, 3] = np.floor(points.xyz.mean(axis=0))

@@ -93,7 +93,7 @@ class AnnotationSettings:
         }
         for name, (least, most) in {**bounds, "share": (0.0, 1.0)}.items():
             if not least <= getattr(self, name) <= most:
-                raise SettingsError(f"{name} is from {least:g} to {most:g}, not {getattr(self, name):g}", name)
+                raise SettingsError(f"{name} must be {least:g} to {most:g}, not {getattr(self, name):g}", name)
 
 
 def annotate(

@@ -76,8 +76,7 @@ class AnnotationFolder:
                 then, now = about["settings"].get(name), settings.get(name)
                 if then != now and name == "made_of":
                     raise SettingsError(
-                        f"{self.path} was begun with another calibration, other poses or another capture: use another"
-                        " folder"
+                        f"{self.path} was begun with another calibration, capture or file of poses: use another folder"
                     )
                 if then != now:
                     raise SettingsError(
@@ -85,7 +84,7 @@ class AnnotationFolder:
                     )
             return
         if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
-            raise SettingsError(f"{self.path} is not empty and not an annotated drive: use another folder")
+            raise SettingsError(f"{self.path} has other files, and is not an annotated drive: use another folder")
         for name in ("frames", "labels"):
             _made(self.path / name)
         unit = {"name": sensor.name, "convention": sensor.convention, "table": sensor.calibration.table.tolist()}
@@ -110,7 +109,9 @@ class AnnotationFolder:
         """Number of frames. Raises SourceError unless all frames were written."""
         count = (self.about() or {}).get("frames")
         if not isinstance(count, int) or count < 1 or not self.has(f"frames/{count - 1:06d}.npz"):
-            raise SourceError(f"{self.path} is not completely annotated: run `lidarcodec annotate` to its end")
+            raise SourceError(
+                f"the annotation of {self.path} is not finished: run the same `lidarcodec annotate` again"
+            )
         return count
 
     def write_frame(self, index: int, frame: Frame) -> None:

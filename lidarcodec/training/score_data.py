@@ -38,7 +38,7 @@ def labelled(paths: Sequence[Path], every: int = 1) -> Iterator[tuple[Frame, Lab
         folder = AnnotationFolder(path)
         sensor, numbers = folder.sensor, folder.labelled()
         if not numbers:
-            raise SourceError(f"{path} has no labels: run `lidarcodec annotate` to its end")
+            raise SourceError(f"{path} has no labels: run `lidarcodec annotate` first, until it is finished")
         for k in numbers[::every]:
             frame, found = folder.frame(k, sensor), folder.labels(k)
             if found.labels.shape != frame.range.shape:

@@ -79,7 +79,7 @@ def train_map_points(
     seconds: stop with a checkpoint after this time;  Raises SettingsError, SourceError.
     """
     if not len(learnt.points) or not len(held_out.points):
-        raise SourceError("no windows to train on, or none to measure by")
+        raise SourceError("the maps have too few points to train on, or to measure with")
     target = choose_device(device)
     seed_torch(run.seed)
     net = MapPointNet(layers)

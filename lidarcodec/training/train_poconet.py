@@ -59,7 +59,7 @@ class PocoRun:
 
     def __post_init__(self) -> None:
         if self.epochs < 1 or self.batch < 1 or (self.points is not None and self.points < LEAST_POINTS):
-            raise SettingsError(f"epochs and batch are at least 1, points at least {LEAST_POINTS}")
+            raise SettingsError(f"epochs and batch must be at least 1, points at least {LEAST_POINTS}")
 
     def on(self, device: torch.device) -> dict[str, Any]:
         """The settings of the run, with the number of points for this device."""
@@ -81,7 +81,7 @@ def train_poconet(
     settings = run.on(target)
     frames = [pair for pair in labelled(drives, every) if pair[0].points]
     if not frames:
-        raise SourceError("no labelled frame to train on")
+        raise SourceError("the drives have no labelled frame to train on")
     parts = (part for frame, labels in frames for part in (frame.range, labels.labels))
     settings = settings | {"examples": digest_of(parts)}
     weights = class_weights(frames).to(target)

@@ -51,7 +51,7 @@ class ScoreRun:
 
     def __post_init__(self) -> None:
         if self.steps < 1 or self.batch < 1 or self.width < 16 or self.width % 16:
-            raise SettingsError("steps and batch are at least 1, the width a multiple of 16")
+            raise SettingsError("steps and batch must be at least 1, and the width a multiple of 16")
 
 
 def examples_of(drives: Sequence[Path], seed: int, every: int = 1) -> list[Example]:
@@ -59,7 +59,7 @@ def examples_of(drives: Sequence[Path], seed: int, every: int = 1) -> list[Examp
     found = [example_of(frame, labels, np.random.default_rng([seed, k]))
              for k, (frame, labels) in enumerate(labelled(drives, every))]  # fmt: skip
     if not found:
-        raise SourceError("no drive to train on")
+        raise SourceError("there is no drive to train on: give at least one annotated drive")
     return found
 
 

@@ -56,7 +56,7 @@ def test_frames_by_time_and_by_condition(filled):
     (same,) = found.frames(where=f"stamp_ns = {between[0]}")
     assert same.stamp_ns == between[0]
     assert list(found.frames(vehicle="car-8")) == []
-    with pytest.raises(lidarcodec.errors.SettingsError, match="no time"):
+    with pytest.raises(lidarcodec.errors.SettingsError, match="is not a time"):
         list(found.frames(between=("yesterday", "today")))
 
 
@@ -219,7 +219,7 @@ def test_joined_tables_say_the_same(filled, monkeypatch, caplog):
     damaged = next((filled / "index").glob("*.json"))
     damaged.write_text('{"segments": [[[')
     assert len(open_archive(filled).query(query)[1]) == FRAMES
-    assert "a joined table is not used" in caplog.text
+    assert "is damaged and is not used" in caplog.text
     done = archive("run", filled, filled, "--job", "index", "--json")
     assert json.loads(done.stdout)["removed"] == 1
 
@@ -282,8 +282,8 @@ def test_an_input_that_was_replaced_under_its_name_is_archived_and_not_compared(
         (("--job", "verify", "--seconds", "9"), "--seconds is only for --job compress"),
         (("--job", "index", "--processes", "2"), "runs in this process"),
         (("--workers", "here", "--processes", "2"), "--processes is only for --workers processes"),
-        (("--workers", "here", "--timeout", "9"), "--timeout is not for --workers here"),
-        (("--workers", "here", "--memory", "900"), "--memory is not for --workers here"),
+        (("--workers", "here", "--timeout", "9"), "--timeout does not work with --workers here"),
+        (("--workers", "here", "--memory", "900"), "--memory does not work with --workers here"),
         (("--job", "stats", "--memory", "900"), "runs in this process"),
         (("--job", "recompress"), "needs the new settings"),
         (("--delete-old",), "only for --job recompress"),

@@ -96,7 +96,7 @@ def test_every_request_survives_a_cut_connection(bucket, monkeypatch):
 
 def test_a_name_that_leaves_the_prefix_is_refused(bucket):
     bucket.put("bad/a/../../in/drive.pcap", b"outside")
-    with pytest.raises(SourceError, match="leaves its prefix"):
+    with pytest.raises(SourceError, match="points outside of its prefix"):
         list(open_store("s3://fleet/bad").entries())
 
 

@@ -23,7 +23,7 @@ def test_a_commit_whose_messages_lie_over_each_other_is_damaged(filled):
     commit = next((filled / "commits").rglob("*.json"))
     told = json.loads(commit.read_text())
     commit.write_text(json.dumps(told | {"messages": [told["messages"][0]] * len(told["messages"])}))
-    with pytest.raises(lidarcodec.errors.SourceError, match="lies over the one before it"):
+    with pytest.raises(lidarcodec.errors.SourceError, match="overlaps the one before it"):
         list(open_archive(filled).frames())
 
 
@@ -33,7 +33,7 @@ def test_repair_keeps_what_a_commit_that_cannot_be_read_stands_for(inputs, fille
     commit.write_text(commit.read_text().replace('"format":1', '"format":2'))
     before = objects(filled)
     archive("run", inputs, filled, *SHORT, "--repair")
-    assert "was left as it is" in caplog.text
+    assert "was left unchanged" in caplog.text
     assert objects(filled) == before
 
 
@@ -69,7 +69,7 @@ def test_repair_keeps_what_is_damaged_and_cannot_be_made_again(inputs, filled, c
     shutil.move(inputs / "car-7", inputs.parent / "car-7")
     assert not repair(FolderStore(filled), FolderStore(inputs))
     assert objects(filled) == before
-    assert "is damaged, and its input is gone" in caplog.text
+    assert "is damaged, and its input no longer exists" in caplog.text
     shutil.move(inputs.parent / "car-7", inputs)
     assert repair(FolderStore(filled), FolderStore(inputs)) == {"lost": 1, "unfinished": 2}
 
@@ -104,10 +104,10 @@ def test_a_damaged_joined_table_ends_no_query_and_is_made_again(filled, monkeypa
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ("COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
-        ("EXPLAIN ANALYZE COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
-        ("SELECT 1; COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "is not one SELECT"),
-        ("LOAD '{file}'", "is not one SELECT"),
+        ("COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "must be a single SELECT"),
+        ("EXPLAIN ANALYZE COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "must be a single SELECT"),
+        ("SELECT 1; COPY (SELECT 'mine') TO '{file}' (FORMAT csv)", "must be a single SELECT"),
+        ("LOAD '{file}'", "must be a single SELECT"),
         ("SELECT * FROM read_text('{file}')", "file system operations are disabled"),
         ("SELECT * FROM '{file}'", "cannot be run"),
     ],
@@ -147,7 +147,7 @@ def test_a_commit_that_lacks_messages_does_not_pass_for_whole(filled, tmp_path, 
     value["frames"] = told or value["frames"]
     path.write_text(json.dumps(value))
     done = archive("get", filled, tmp_path / "out.mcap", "--where", "points >= 0", code=1)
-    assert ("lacks messages" if told else "its messages have 1 of") in done.stderr
+    assert ("does not have all messages" if told else "its messages have only 1 of") in done.stderr
     assert not (tmp_path / "out.mcap").exists()
 
 

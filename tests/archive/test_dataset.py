@@ -148,7 +148,7 @@ def test_a_damaged_segment_ends_it_with_its_name(made, tmp_path, workers):
     with pytest.raises(SourceError, match=f"segment car-./roof/{recording.name[:24]}: "):
         list(DataLoader(dataset, batch_size=None, num_workers=workers))
     recording.unlink()
-    with pytest.raises(SourceError, match="removed since the dataset was made"):
+    with pytest.raises(SourceError, match="removed after the dataset was opened"):
         list(dataset)
 
 
@@ -157,7 +157,7 @@ def test_wrong_wishes_are_told(made, monkeypatch):
     for wrong in ({"vehicle": "car-9"}, {"buffer": 0}, {"rank": 1}, {"rank": 2, "world": 2}, {"rank": -1, "world": 2}):
         with pytest.raises((SourceError, SettingsError)):
             archive.dataset(**wrong)
-    with pytest.raises(SettingsError, match="an epoch"):
+    with pytest.raises(SettingsError, match="the epoch"):
         archive.dataset().set_epoch(-1)
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "lidarcodec.archive.dataset")

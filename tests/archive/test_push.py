@@ -32,7 +32,7 @@ def folder(tmp_path) -> Path:
 def test_a_second_push_uploads_nothing(folder, tmp_path, caplog):
     first = run_here("archive", "push", str(folder), str(tmp_path / "store"), "--json")
     assert first.returncode == 1
-    assert f"{folder / 'notes.mcap'} is no recording" in caplog.text
+    assert f"{folder / 'notes.mcap'} is not a recording" in caplog.text
     told = json.loads(first.stdout)
     assert (told["uploaded"], told["already_there"], told["unreadable"], told["deleted"]) == (2, 0, 1, 0)
     (folder / "notes.mcap").unlink()
@@ -52,7 +52,7 @@ def test_only_what_the_store_gives_back_is_deleted(folder, tmp_path):
             data = super().read(name, start, length)
             return data if name.endswith(".json") else b"?" + data[1:]
 
-    with pytest.raises(SourceError, match="it was kept here"):
+    with pytest.raises(SourceError, match="was kept"):
         push(folder, Forgetful(tmp_path / "bad"), rate=Rate(None), delete=True)
     assert len(list(folder.iterdir())) == 3
     counts = push(folder, FolderStore(tmp_path / "good"), rate=Rate(None), delete=True)
@@ -77,7 +77,7 @@ def test_two_recordings_of_one_name_are_both_kept(folder, tmp_path, caplog):
     stored = [path.read_bytes() for path in (tmp_path / "store").rglob("*.mcap")]
     assert sorted(map(len, stored)) == sorted(map(len, [foreign.read_bytes(), first, second, second]))
     assert {first, second} < set(stored)
-    assert "the store has another recording as car-7/roof/car-7_roof_0.mcap" in caplog.text
+    assert "the store already has another recording named car-7/roof/car-7_roof_0.mcap" in caplog.text
 
 
 def test_a_recording_that_was_copied_by_hand_is_there_already(folder, tmp_path):

@@ -76,7 +76,7 @@ def test_several_drives_need_poses(tmp_path):
     assert run_here("simulate", SOURCE, capture).returncode == 0
     ran = run_here("map", "build", SOURCE, capture, "-o", tmp_path / "a.lcmap")
     assert ran.returncode == 2
-    assert "several drives need poses in one frame" in the_one_line(ran)
+    assert "several drives need poses in a common frame" in the_one_line(ran)
     assert not (tmp_path / "a.lcmap").exists()
 
 
@@ -84,7 +84,7 @@ def test_a_step_that_does_not_divide_a_tile_is_refused_before_any_work(tmp_path)
     """Tiles of the file would lie elsewhere than those of the drive: points vanished, and others moved by metres."""
     done = run_here("map", "build", SOURCE, "-o", tmp_path / "a.lcmap", "--step", 0.03)
     assert done.returncode == 2
-    assert "50 m is a whole number" in the_one_line(done)
+    assert "divides 50 m" in the_one_line(done)
 
 
 def test_shares_that_would_have_one_name_are_refused(town, tmp_path):

@@ -197,7 +197,7 @@ def test_damage_is_inside_of_what_messages_of_other_sensors_pack() -> None:
     )
     assert planes >= {"read", "a plane of unknown role N, or of N bits"}
     assert rests >= {"read", "a range coded stream ends too early"}
-    assert clouds >= {"read", "the head of a cloud that is none, or whose points do not lie as it says"}
+    assert clouds >= {"read", "the header of a cloud is not valid, or does not fit its points"}
     first = stream(ALL["raw, os0-16"], 1).parts[0]
     hurt = [damaged_description(first.section(SectionType.CALIBRATION), rng) for _ in range(60)]
     sensors = {outcome(lambda given: StreamDecoder().decode(with_calibration(first, given)), data) for data in hurt}

@@ -84,7 +84,7 @@ def test_a_block_full_of_points_is_filled_up_with_zeros():
 
 def test_points_that_cannot_be_kept_are_refused():
     none = np.empty((2, 0), np.uint16)
-    for steps, named in (([[0, 0, 0], [0, 0, 0]], "alike"), ([[0, 0, 0], [2500, 0, 0]], "outside"),
+    for steps, named in (([[0, 0, 0], [0, 0, 0]], "are the same"), ([[0, 0, 0], [2500, 0, 0]], "outside"),
                          ([[0, 0, 0], [0, 0, 1 << 20]], "too high")):  # fmt: skip
         with pytest.raises(SettingsError, match=named):
             encode_tile(Tile(0, 0, np.array(steps, np.int64), none), WIDTH, 0.02, [])

@@ -57,7 +57,7 @@ def test_a_map_is_compressed_by_weights_of_ones_own_and_they_say_what_they_were_
     assert {*map(tuple, made.steps.tolist())} <= {*map(tuple, TOWN.steps.tolist())}
     with pytest.raises(SettingsError, match="map build"):
         compressed(bare(TOWN), "learned", 500, select=method("learned", weights))
-    with pytest.raises(SettingsError, match="belong to --by learned"):
+    with pytest.raises(SettingsError, match="only for --by learned"):
         method("greedy", weights)
 
 

@@ -47,7 +47,7 @@ def test_maps_without_counts_or_of_too_few_points_are_refused():
     with pytest.raises(UnknownNameError, match="lerned"):
         compressed(TOWN, "lerned", 500)
     wrong = replace(TOWN, path=TOWN.path[:3])
-    with pytest.raises(SettingsError, match="places that it does not have"):
+    with pytest.raises(SettingsError, match="places that are not on its path"):
         compressed(wrong, "greedy", 500)
 
 

@@ -68,7 +68,7 @@ def test_without_its_tiles_a_search_says_nothing_and_a_tile_goes_on_where_the_li
     source = served_tiles("town", vehicle, 5.0)
     windows = served_windows(source)
     with Localiser(windows) as localiser:
-        with pytest.raises(MissingTilesError, match="have not come yet"):
+        with pytest.raises(MissingTilesError, match="have not arrived yet"):
             find_pose(windows.searched, scan_at(way(0), 0).points.astype(np.float64))
         assert localiser.take(scan_at(way(0), 0))[-1].state == "searching"
         assert source.tiles < len(windows.tracked.places)

@@ -145,7 +145,7 @@ def test_a_run_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "letter.txt").write_text("dear")
     frames, source = _drive()
-    with pytest.raises(SettingsError, match="not empty"):
+    with pytest.raises(SettingsError, match="has other files"):
         annotate(frames[:2], AnnotationFolder(tmp_path), AnnotationSettings(), source.poses)
     with pytest.raises(SourceError, match="no complete frame"):
         annotate([], AnnotationFolder(tmp_path / "new"), AnnotationSettings(), source.poses)
@@ -229,7 +229,7 @@ def test_a_folder_is_of_one_capture_whatever_its_name(tmp_path: Path) -> None:
         assert run_here("simulate", f"sim:street?seed={seed}", source, "--frames", 3, "--force").returncode == 0
         done = run_here(*words)
         assert done.returncode == code, done.stderr
-    assert "another calibration, other poses or another capture" in done.stderr
+    assert "another calibration, capture or file of poses" in done.stderr
 
 
 def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
     source.write_bytes(whole.read_bytes())
     done = run_here(*words)
     assert done.returncode == 2
-    assert "another calibration, other poses or another capture" in done.stderr
+    assert "another calibration, capture or file of poses" in done.stderr
 
 
 @pytest.mark.parametrize("spoiled", ["value", "width", "kind", "count", "frames"])
@@ -266,6 +266,6 @@ def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, annotated: A
         folder.note(frames=10**9)
     np.savez(path, **arrays)
     began_s = time.monotonic()
-    with pytest.raises(SourceError, match=r"has no labels|of another frame|is not completely annotated"):
+    with pytest.raises(SourceError, match=r"has no labels|of another frame|is not finished"):
         list(labelled([folder.path]))
     assert time.monotonic() - began_s < 60.0

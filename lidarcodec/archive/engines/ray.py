@@ -45,7 +45,7 @@ class RayEngine:
         self.slots = processors if memory_mb is None else min(processors, self._room(memory_mb))
         if not self.slots:
             ray.shutdown()
-            raise SourceError(f"no machine of the Ray cluster at {address} has {memory_mb} MB: give less to --memory")
+            raise SourceError(f"no machine of the Ray cluster at {address} has {memory_mb} MB: give a smaller --memory")
         more = {} if memory_mb is None else {"memory": memory_mb * 1_000_000}
         self._work = ray.remote(num_cpus=1, max_retries=0, **more)(guarded)
         self._running: dict[Any, tuple[Task, float]] = {}

@@ -45,10 +45,12 @@ def check_engine(name: str, wishes: Wishes) -> None:
     for option, value in (("timeout", wishes.timeout_s), ("memory", wishes.memory_mb)):
         if name == "here" and value is not None:
             raise SettingsError(
-                f"--{option} is not for --workers here: a task cannot be ended without the command", option
+                f"--{option} does not work with --workers here, where a task cannot be ended without the "
+                "command: leave it out",
+                option,
             )
     if name == "processes" and wishes.memory_mb is not None and not STATUS.exists():
-        raise SettingsError(f"--memory needs {STATUS}, as Linux has it", "memory")
+        raise SettingsError(f"--memory works only on Linux, because it needs {STATUS}", "memory")
     if name in _EXTRAS and find_spec(_EXTRAS[name][0]) is None:
         raise MissingExtraError(f"--workers {name}", _EXTRAS[name][1])
 

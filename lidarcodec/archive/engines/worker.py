@@ -38,7 +38,7 @@ def serve(pipe: Connection, scratch: Path, parent: int, memory_mb: int | None) -
     tempfile.tempdir = str(scratch)
     logging.basicConfig(level=logging.ERROR, format="lidarcodec: %(message)s")
     if memory_mb is not None and not STATUS.exists():
-        log.warning("a task may take any memory here: there is no %s", STATUS)
+        log.warning("the memory of tasks is not limited here, because there is no %s", STATUS)
         memory_mb = None
     threading.Thread(target=_watch, args=(scratch, parent, memory_mb), daemon=True).start()
     with contextlib.suppress(EOFError, OSError):

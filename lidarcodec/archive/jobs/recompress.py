@@ -65,7 +65,7 @@ def recompress(value: dict[str, Any], source: Store, target: Store) -> dict[str,
         product = write_product(chain((first,), pictures), encoder, known, folder)
         product = replace(product, value=product.value | {"settings": settings})
         if product.value["frames"] != found["frames"]:
-            raise SourceError(f"{found['object']} has lost frames: it was left as it is")
+            raise SourceError(f"{found['object']} has lost frames and was left unchanged")
         won = publish(target, product)
     if value["delete_old"]:
         _delete([found, *older], read_commit(target, product.commit), target)
@@ -86,7 +86,7 @@ def _delete(olds: list[dict[str, Any]], new: dict[str, Any], store: Store) -> No
     for chunk in store.chunks(new["object"]):
         digest.update(chunk)
     if digest.hexdigest() != new["sha256"] or store.size(new["table"]) is None:
-        raise SourceError(f"{new['object']} in the store is not what was written: {olds[0]['object']} was kept")
+        raise SourceError(f"{new['object']} in the store differs from what was written: {olds[0]['object']} was kept")
     for old in olds:
         store.delete(old["table"])
         store.delete(old["object"])

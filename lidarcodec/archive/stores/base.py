@@ -4,7 +4,7 @@
 'car-7/roof/drive.pcap'
 >>> check_name("../secret.pcap")
 Traceback (most recent call last):
-lidarcodec.errors.SourceError: '../secret.pcap' is not the name of an object: it leaves its folder
+lidarcodec.errors.SourceError: '../secret.pcap' is not the name of an object: it points outside of its folder
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def check_name(name: str) -> str:
     """
     parts = name.split("/")
     if ".." in parts or name.startswith(("/", "~")) or "\\" in name:
-        raise SourceError(f"{name[:200]!r} is not the name of an object: it leaves its folder")
+        raise SourceError(f"{name[:200]!r} is not the name of an object: it points outside of its folder")
     if "" in parts or "." in parts or not name.isprintable() or len(name.encode("utf-8", "replace")) > MAX_NAME:
         raise SourceError(f"{name[:200]!r} is not the name of an object: it is empty, too long or has odd characters")
     return name

@@ -85,7 +85,7 @@ class BucketStore(Store):
 
     def read(self, name: str, start: int = 0, length: int | None = None) -> bytes:
         if length is None and start:
-            raise ValueError("a range has a length")
+            raise ValueError("the length of a byte range must be given")
         return self._again(lambda: self._read(name, start, length))
 
     def _read(self, name: str, start: int, length: int | None) -> bytes:
@@ -188,7 +188,8 @@ class BucketStore(Store):
             told = _told(error)
             if "invalid path" in told:  # a listing with such a name cannot be read
                 raise SourceError(
-                    f"{self.url} has an object with a name that leaves its prefix or is empty: delete it first ({told})"
+                    f"{self.url} has an object with an empty name, or one that points outside of its prefix: "
+                    f"delete it first ({told})"
                 ) from None
             raise OSError(f"{self.url}: {told}") from None
 

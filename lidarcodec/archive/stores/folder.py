@@ -92,7 +92,7 @@ class FolderStore(Store):
     def _path(self, name: str) -> Path:
         path = self._root / check_name(name)
         if not path.resolve().is_relative_to(self._root):
-            raise SourceError(f"{name!r} is a link that leaves its folder")
+            raise SourceError(f"{name!r} is a link that points outside of its folder")
         return path
 
 

@@ -171,7 +171,10 @@ class Detection:
                 sent.bytes += len(pack(message))
             self.tick()
         if not sent.tallies:
-            raise SourceError(f"{path} has no frame with the time of one of {self.name}")
+            raise SourceError(
+                f"no frame of {path} has the time of a frame of {self.name}: the recording was "
+                "not made from this source"
+            )
         about = {
             "source": self.name,
             "recording": str(path),

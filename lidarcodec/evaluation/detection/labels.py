@@ -49,7 +49,7 @@ def read_labels(path: Path, camera: Path | None = None) -> Labels:
         return _tracklets(data, path)
     if camera is None:
         raise SettingsError(
-            f"{path} has labels in the frame of a camera: give its calibration with --camera FILE", "camera"
+            f"the labels in {path} are in the frame of a camera: give its calibration with --camera FILE", "camera"
         )
     return _tracking(_text(data), path, _camera_to_sensor(_text(_read(camera)), camera))
 
@@ -61,7 +61,7 @@ def _read(path: Path) -> bytes:
     except OSError as error:
         raise SourceError(f"cannot read {path}: {error.strerror or error}") from error
     if len(data) > MOST_BYTES:
-        raise SourceError(f"{path} is larger than {MOST_BYTES // MIB} MiB: these are no labels")
+        raise SourceError(f"{path} is larger than {MOST_BYTES // MIB} MiB, so it is not a file of labels")
     return data
 
 
@@ -81,13 +81,13 @@ def _camera_to_sensor(text: str, path: Path) -> Matrix:
     rectified = next((rows[name] for name in RECTIFIED if len(rows.get(name, ())) == 9), None)
     moved = next((rows[name] for name in SENSOR_TO_CAMERA if len(rows.get(name, ())) == 12), None)
     if rectified is None or moved is None or not np.all(np.isfinite([*rectified, *moved])):
-        raise SourceError(f"{path} is no calibration of a camera: it needs R0_rect and Tr_velo_to_cam")
+        raise SourceError(f"{path} is not a calibration of a camera: R0_rect or Tr_velo_to_cam is missing")
     turn, whole = np.eye(4), np.eye(4)
     turn[:3, :3] = np.reshape(rectified, (3, 3))
     whole[:3] = np.reshape(moved, (3, 4))
     for rotation in (turn, whole):
         if np.abs(rotation[:3, :3] @ rotation[:3, :3].T - np.eye(3)).max() > 0.01:
-            raise SourceError(f"{path} is no calibration of a camera: its rotations are none")
+            raise SourceError(f"{path} is not a calibration of a camera: a matrix in it is not a rotation")
     return invert(turn @ whole)
 
 
@@ -98,12 +98,12 @@ def _tracking(text: str, path: Path, to_sensor: Matrix) -> Labels:
         if not words:
             continue
         if number > MOST_BOXES:
-            raise SourceError(f"{path} has more than {MOST_BOXES} lines: these are no labels")
+            raise SourceError(f"{path} has more than {MOST_BOXES} lines, so it is not a file of labels")
         try:
             frame, track, kind = int(words[0]), int(words[1]), words[2].lower()
             height, width, length, x, y, z, turn = (float(word) for word in words[10:FIELDS])
         except (ValueError, IndexError):
-            raise SourceError(f"{path}, line {number}: this is no label of KITTI's tracking benchmark") from None
+            raise SourceError(f"{path}, line {number}: this is not a label of KITTI's tracking benchmark") from None
         if kind in NOT_OBJECTS:
             continue
         _check(path, f"line {number}", frame, [length, width, height], [x, y, z, turn])
@@ -151,7 +151,7 @@ def _check(path: Path, where: str, frame: int, size: list[float], place: list[fl
     if not abs(frame) <= MOST_FRAMES:
         raise SourceError(f"{path}, {where}: there is no frame {frame}")
     if not all(0 < value < LARGEST_M for value in size) or not all(abs(value) < FARTHEST_M for value in place):
-        raise SourceError(f"{path}, {where}: this is no box of an object")
+        raise SourceError(f"{path}, {where}: this is not the box of an object")
 
 
 def _by_frame(frames: dict[int, list[Boxes]], path: Path) -> Labels:

@@ -51,7 +51,7 @@ def segments_of(frame: Frame) -> Segments:
     cells = np.flatnonzero(measured.valid.T)
     cloud = measured.cloud()
     if frame.sensor.is_cloud or len(cells) != len(cloud):
-        raise SourceError("evaluate detection needs frames made of packets: a point cloud has no beams")
+        raise SourceError("evaluate detection needs packets: it cannot use point clouds, which have no beams")
     points = np.ascontiguousarray(np.stack([cloud[name] for name in "xyz"], axis=-1), np.float32)
     ground = _native.ground_points(points)
     clusters = _native.cluster_points(points, cloud["ring"].astype(np.uint16), ground)

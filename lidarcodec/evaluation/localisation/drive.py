@@ -89,6 +89,6 @@ def read_drive(
     usual = np.median([frame.width for frame in found]) if found else 0
     whole = [frame for frame in found if frame.width >= WHOLE * usual]
     if len(whole) < FEWEST_FRAMES:
-        raise SourceError(f"{spec} has {len(whole)} complete frames: too few for localisation")
+        raise SourceError(f"{spec} has {len(whole)} complete frames, which is too few for localisation")
     stamps = np.array([scan_of(frame).stamp_ns for frame in whole], np.int64)
     return Drive(str(spec), whole, stamps, given, exact)

@@ -25,7 +25,7 @@ def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
         means.add(voxel_means(cloud, cell_m))
     points = means.means()
     if len(points) < FEWEST:
-        raise SourceError(f"a map of {len(points)} points is too small for localisation")
+        raise SourceError(f"the map has {len(points)} points, which is too few for localisation")
     return points
 
 

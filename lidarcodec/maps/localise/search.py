@@ -125,7 +125,7 @@ def standing_at(window: Window, x: float, y: float) -> Matrix:
     near = points[np.einsum("ij,ij->i", points[:, :2] - place, points[:, :2] - place) < NEAR_START_M**2]
     if not len(near):
         raise SettingsError(
-            f"the map has no points within {NEAR_START_M:.0f} m of {x:g}, {y:g}: `map info` says where it lies",
+            f"the map has no points within {NEAR_START_M:.0f} m of {x:g}, {y:g}: `map info` says which area it covers",
             "start",
         )
     pose = np.eye(4)

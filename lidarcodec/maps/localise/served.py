@@ -77,7 +77,7 @@ class ServedWindow:
             here = self._tiles.wait(WAIT_S) if self._strict or not len(self._tiles.points()) else True
             self._waited = True
             if self._strict and not here:
-                raise MissingTilesError(f"{self._tiles.state().missing} tiles of the map have not come yet")
+                raise MissingTilesError(f"{self._tiles.state().missing} tiles of the map have not arrived yet")
         self._serial = self._tiles.serial
         points = self._tiles.points()
         least, most = np.floor(low / TILE_M), np.floor(high / TILE_M)

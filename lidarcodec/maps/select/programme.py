@@ -187,7 +187,9 @@ def _relaxed(groups: _Groups, inside: Ints, short: Floats, begin: int, end: int,
     solver.passModel(model)
     solver.run()
     if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
-        raise LidarCodecError(f"HiGHS did not solve the programme: {solver.getModelStatus().name}")
+        raise LidarCodecError(
+            f"HiGHS could not solve the integer programme of --by paper or lp: {solver.getModelStatus().name}"
+        )
     solution = solver.getSolution()
     return np.array(solution.col_value)[:count], np.array(solution.row_dual)
 

@@ -19,11 +19,11 @@ def check_seen(points: MapPoints, by: str) -> None:
     """Raise SettingsError if a map does not say from where its points were seen."""
     if not {"count", "first", "last"} <= points.columns.keys() or not len(points.path):
         raise SettingsError(
-            f"--by {by} needs to know from where points were seen: give the map of `map build`, not a compressed one",
+            f"--by {by} needs a map from `map build`: a compressed map no longer knows from where its points were seen",
             "by",
         )
     if (
         int(points.columns["last"].max(initial=0)) >= len(points.path)
         or (points.columns["first"] > points.columns["last"]).any()
     ):
-        raise SettingsError("the map says that points were seen from places that it does not have", "by")
+        raise SettingsError("the map is damaged: points were seen from places that are not on its path", "by")

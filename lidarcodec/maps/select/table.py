@@ -36,9 +36,9 @@ def method(name: str, weights: Path | None = None) -> Select:
     if name != LEARNED and name not in METHODS:
         raise UnknownNameError("choice of points", name, (*METHODS, LEARNED))
     if name != LEARNED and weights is not None:
-        raise SettingsError(f"--weights belong to --by learned, not to {name}", "weights")
+        raise SettingsError(f"--weights is only for --by learned, not for {name}", "weights")
     if name != LEARNED:
         return METHODS[name]
     if weights is None:
-        raise SettingsError("--by learned needs --weights FILE, of `lidarcodec train map-points`", "weights")
+        raise SettingsError("--by learned needs --weights FILE, from `lidarcodec train map-points`", "weights")
     return learned_by(read_point_net(weights, str(weights)))

@@ -55,7 +55,7 @@ def nearest_places(points: MapPoints) -> Ints:
 
     if not len(points.path) or not len(points):
         raise SettingsError(
-            "--by learned needs the path of the drives: give the map of `map build`, not a compressed one", "by"
+            "--by learned needs a map from `map build`: a compressed map no longer has the path of the drives", "by"
         )
     path = points.path.astype(np.float64)
     middle = path.mean(axis=0)

@@ -85,7 +85,7 @@ class MapAnswers:
     def _allow(self) -> None:
         retry_s = self._take()
         if retry_s:
-            raise TooOftenError("the lists of maps are asked for", retry_s)
+            raise TooOftenError("lists of maps are requested", retry_s)
 
 
 def _place(tail: list[str]) -> tuple[int, int] | None:

@@ -113,7 +113,8 @@ class MapFetch:
             raise SourceError(f"cannot use {folder}: {error.strerror or error}") from None
         if 2 * size + SPARE_BYTES > free:
             raise SourceError(
-                f"the map needs {2 * size / 1e6:,.0f} MB on the disk of {folder}, and {free / 1e6:,.0f} MB are free"
+                f"the map needs {2 * size / 1e6:,.0f} MB on the disk of {folder}, but only {free / 1e6:,.0f} MB "
+                "are free"
             )
 
 
@@ -146,10 +147,12 @@ def write_fetched(file: BinaryIO, manifest: Manifest, tiles: list[Piece], read: 
         file.seek(0)
         digest = hashlib.file_digest(file, "sha256")  # type: ignore[arg-type]
         if digest.hexdigest() != manifest.version:
-            raise SourceError(f"map '{manifest.name}' is not the one of its list of tiles: it was served wrongly")
+            raise SourceError(
+                f"the tiles of map '{manifest.name}' do not match its list of tiles: the server sends them wrongly"
+            )
         file.seek(0, 2)
     return points
 
 
 def _damaged(what: str, manifest: Manifest, why: object) -> SourceError:
-    return SourceError(f"{what} of map '{manifest.name}' is damaged where it is served: {why}")
+    return SourceError(f"{what} of map '{manifest.name}' is damaged at the server: {why}")

@@ -146,9 +146,9 @@ def manifest_of(name: str, pages: Iterable[dict[str, Any]]) -> Manifest:
             tiles += _tiles(places, PAGE if full else 0)
             full = len(places) == PAGE
     except (KeyError, TypeError, ValueError, binascii.Error, DecodeError) as error:
-        raise SourceError(f"the list of tiles of map '{name}' makes no sense: {error}") from None
+        raise SourceError(f"the list of tiles of map '{name}' cannot be understood: {error}") from None
     if len(head) != HEAD_BYTES or about.path_places > MOST_PATH or about.tiles != len(tiles):
-        raise SourceError(f"the list of tiles of map '{name}' does not agree with the head of the map")
+        raise SourceError(f"the list of tiles of map '{name}' does not match the header of the map")
     if len({tile.place for tile in tiles}) != len(tiles):
         raise SourceError(f"the list of tiles of map '{name}' has two tiles at one place")
     return Manifest(name, version, head, about, path, tuple(tiles))
@@ -157,7 +157,7 @@ def manifest_of(name: str, pages: Iterable[dict[str, Any]]) -> Manifest:
 def check_map_name(name: str) -> str:
     """The name itself. Raises SourceError if no map can have it."""
     if not is_name(name) or not name.strip("."):
-        raise SourceError(f"'{name}' cannot be the name of a map: it has 1 to 64 of A-Z a-z 0-9 _ . -")
+        raise SourceError(f"'{name}' cannot be the name of a map: use 1 to 64 of A-Z a-z 0-9 _ . -")
     return name
 
 
@@ -186,5 +186,5 @@ def _sized(told: Any, least: int, most: int) -> tuple[int, str]:
 
 def _hash(told: Any) -> str:
     if not isinstance(told, str) or not HASH.fullmatch(told):
-        raise ValueError("a hash that is none")
+        raise ValueError("a hash is not valid")
     return told

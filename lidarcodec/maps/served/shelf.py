@@ -92,7 +92,7 @@ class ShelvedMap:
         except OSError as error:
             raise SourceError(f"the map '{self.name}' cannot be read: {error.strerror or error}") from None
         if len(data) < size:
-            raise SourceError(f"the file of map '{self.name}' was cut while it is served")
+            raise SourceError(f"the file of map '{self.name}' became shorter while it was served")
         return data
 
 
@@ -200,7 +200,7 @@ class MapShelf:
             try:
                 self.refresh()
             except Exception:
-                logger.exception("looking for changed maps failed; it is tried again")
+                logger.exception("looking for changed maps failed and will be tried again")
 
 
 def _identity(found: os.stat_result) -> Identity:

@@ -156,14 +156,14 @@ class NetworkTiles:
                     self._store.add(piece.hash, offset, data)
                     offset += len(data)
                 if not self._store.finish(piece.hash):
-                    logger.warning("tile %s of map '%s' came with wrong bytes", piece.tail, self.name)
+                    logger.warning("tile %s of map '%s' arrived damaged", piece.tail, self.name)
                     continue
                 with self._lock:
                     self.tiles += piece.place is not None
             data = self._store.read(piece.hash)
             if len(data) == piece.size:
                 return data
-        raise SourceError(f"tile {piece.tail} of map '{self.name}' came with wrong bytes {MAX_WRONG} times")
+        raise SourceError(f"tile {piece.tail} of map '{self.name}' arrived damaged {MAX_WRONG} times")
 
     def stop(self) -> None:
         """As of TileSource."""
@@ -189,15 +189,15 @@ class NetworkTiles:
         if not answer or answer[0] != PART:
             told = _object(answer)
             if told.get("field") == "tile":
-                raise ChangedMapError(f"map '{self.name}' has no tile {piece.tail} any more")
+                raise ChangedMapError(f"map '{self.name}' no longer has tile {piece.tail}")
             raise SourceError(f"map '{self.name}' is refused: {reason_of(told)}")
         if not HEAD.size < len(answer) <= HEAD.size + size:
-            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' makes no sense")
+            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' cannot be understood")
         _, whole, at, digest = HEAD.unpack_from(answer)
         if digest.hex() != piece.hash:
             raise ChangedMapError(f"tile {piece.tail} of map '{self.name}' has changed")
         if (whole, at) != (piece.size, offset):
-            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' makes no sense")
+            raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' cannot be understood")
         self._parts.took(size, took_s)
         with self._lock:
             self.received += len(answer)
@@ -252,7 +252,7 @@ def maps_on(transport: Transport, timeout_s: float = ANSWER_S) -> list[dict[str,
         try:
             told = read_object(answer, MAX_EVENT_BYTES).get("maps")
         except JsonRefusedError as error:
-            logger.warning("a list of maps is refused: %s", error)
+            logger.warning("the server refuses to list its maps: %s", error)
             continue
         for one in told if isinstance(told, list) else ():
             about = _summary(one)

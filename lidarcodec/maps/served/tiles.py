@@ -86,9 +86,9 @@ class MapTiles:
         Asks for the list of tiles, and blocks until it is there. Raises SourceError, SettingsError.
         """
         if not radius_m >= 0.0:
-            raise SettingsError(f"a radius of {radius_m} m: give 0 m or more", "radius")
+            raise SettingsError(f"the radius must be 0 m or more, not {radius_m} m", "radius")
         if not 1 <= in_flight <= 16:
-            raise SettingsError("between 1 and 16 tiles are fetched at once", "in_flight")
+            raise SettingsError("the number of tiles fetched at once must be 1 to 16", "in_flight")
         self._source, self._radius_m, self._max_points, self._closing = source, radius_m, max_points, closing
         self._patience_s = patience_s
         self._condition = threading.Condition()
@@ -164,7 +164,7 @@ class MapTiles:
         Raises SettingsError for a position that is not finite.
         """
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
-            raise SettingsError("a position in a map has finite numbers", "position")
+            raise SettingsError("a position in a map must have finite numbers", "position")
         with self._condition:
             self._position = float(x_m), float(y_m)
             self._choose()
@@ -305,7 +305,7 @@ class MapTiles:
         found = decode_tile(data, head.width, head.bits)
         place = found.x, found.y
         if place != tile.place:
-            raise SourceError(f"tile {tile.tail} of map '{self.name}' is another one")
+            raise SourceError(f"the fetched tile {tile.tail} of map '{self.name}' does not match the list of tiles")
         with self._condition:
             if self._tiles.get(place) == tile and head == self.head:
                 self._here[place] = tile.hash, found

@@ -294,7 +294,7 @@ def _read_around(reader: VarintReader) -> _Around:
     before = _read_packed(reader, MAX_MESSAGE)
     head = read_head(before)
     if head.size != len(before) or not head.regular or head.size + head.data_bytes > MAX_MESSAGE:
-        raise SectionError("the head of a cloud that is none, or whose points do not lie as it says")
+        raise SectionError("the header of a cloud is not valid, or does not fit its points")
     points = head.points
     if not 0 < points <= MAX_POINTS or points * head.point_step > head.data_bytes:
         raise SectionError(f"a cloud of {points} points in {head.data_bytes} bytes")

@@ -54,15 +54,15 @@ class FitSettings:
     def __post_init__(self) -> None:
         for name, (least, most) in {"steps": (1, 10**7), "batch": (1, 1 << 20), "rate": (1e-6, 1.0)}.items():
             if not least <= getattr(self, name) <= most:
-                raise SettingsError(f"{name} = {getattr(self, name)}: {least} to {most} are possible", name)
+                raise SettingsError(f"{name} must be {least} to {most}, not {getattr(self, name)}", name)
         if not all(0 < keep <= 1 for keep in self.keep):
-            raise SettingsError(f"keep = {self.keep}: shares of tiles above 0, 1 at most, are possible", "keep")
+            raise SettingsError(f"keep must be more than 0 and at most 1, not {self.keep}", "keep")
         if min(self.keep) < 1 and any(width % SUMS for width in self.hidden):
             raise SettingsError(
                 f"layers of {self.hidden} hidden values cannot be divided into tiles: use multiples of {SUMS}", "hidden"
             )
         if self.precision not in ("float32", "mixed"):
-            raise SettingsError(f"precision = {self.precision}: float32 or mixed are possible", "precision")
+            raise SettingsError(f"precision must be float32 or mixed, not {self.precision}", "precision")
 
     @property
     def dims(self) -> tuple[int, ...]:

@@ -63,11 +63,11 @@ class RiddleRun:
     def __post_init__(self) -> None:
         for name, given, known in (("size", self.sizes, tuple(HIDDEN)), ("kind", self.kinds, KINDS)):
             if not given or not set(given) <= set(known) or len(set(given)) != len(given):
-                raise SettingsError(f"{name} = {','.join(given)}: choose of {', '.join(known)}", name)
+                raise SettingsError(f"{name} = {','.join(given)}: choose from {', '.join(known)}", name)
         if not 0 <= self.simulated <= 100_000:
-            raise SettingsError(f"{self.simulated} simulated drives: 0 to 100000 are possible", "simulated")
+            raise SettingsError(f"--simulated must be 0 to 100000, not {self.simulated}", "simulated")
         if self.tiles is not None and not 0 < self.tiles <= 1:
-            raise SettingsError(f"tiles = {self.tiles}: shares above 0, 1 at most, are possible", "tiles")
+            raise SettingsError(f"--tiles must be more than 0 and at most 1, not {self.tiles}", "tiles")
         if self.beside and self.begin is None:
             raise SettingsError("--beside needs networks to begin with: give --begin", "begin")
         if self.beside and not self.sources and not self.simulated:

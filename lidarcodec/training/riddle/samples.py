@@ -62,9 +62,9 @@ class Gathering:
 
     def __post_init__(self) -> None:
         if self.frame_rows < 1 or self.passes < 1:
-            raise SettingsError("at least one row of each frame and one pass are needed")
+            raise SettingsError("training needs at least one row of each frame and one pass")
         if self.units not in ("auto", "varied", "own"):
-            raise SettingsError(f"units = {self.units}: auto, varied or own are possible", "units")
+            raise SettingsError(f"units must be auto, varied or own, not {self.units}", "units")
 
 
 def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Generator) -> tuple[Rows, Rows]:
@@ -163,7 +163,7 @@ class SampleStore:
             if count := path.stat().st_size // width:
                 found.append(np.memmap(path, np.int8, "r", shape=(count, width)))
         if not found:
-            raise SettingsError(f"the sources give no {self.folder.name} samples for a network {_kind(expects)}")
+            raise SettingsError(f"the sources have no {self.folder.name} samples for a network {_kind(expects)}")
         return found
 
     def some(self, expects: bool, count: int) -> list[Rows]:

@@ -92,5 +92,5 @@ def test_odometry_is_off_by_five_centimetres_after_nine_tenths_of_a_second(stree
 
 
 def test_a_map_of_nothing_is_refused():
-    with pytest.raises(SourceError, match="too small"):
+    with pytest.raises(SourceError, match="too few"):
         merged([np.zeros((3, 3))])

@@ -31,8 +31,8 @@ def test_a_fetched_map_is_refused_if_it_is_not_the_one_of_the_list(town):
         ({one.place: b"garbage!"}, [one, two], whole, f"tile {one.tail} of map 'town' is damaged"),
         ({None: b"garbage!"}, [one, two], whole, "the path of map 'town' is damaged"),
         ({None: shelved.read(whole.path)[:-5]}, [one, two], whole, "the path of map 'town' is damaged"),
-        ({}, [two, one, *rest], whole, "not the one of its list"),
-        ({}, list(whole.tiles), replace(whole, about=whole.about._replace(length_m=1.0)), "not the one of its list"),
+        ({}, [two, one, *rest], whole, "do not match its list"),
+        ({}, list(whole.tiles), replace(whole, about=whole.about._replace(length_m=1.0)), "do not match its list"),
     ):
         with pytest.raises(SourceError, match=reason):
             written(tiles, pieces, manifest)
