@@ -105,7 +105,7 @@ def _unreadable(store: Store) -> list[str]:
             if store.size(_table(ident)) is not None:  # otherwise it was removed meanwhile
                 raise
         except SourceError as error:
-            log.warning("a merged table of the index is damaged and was removed: %s", error)
+            log.warning("a joined table is damaged and was removed: %s", error)
             damaged.append(ident)
     return damaged
 
@@ -202,6 +202,6 @@ def _listed(store: Store) -> tuple[dict[str, frozenset[str]], list[str]]:
         except FileNotFoundError:  # removed meanwhile
             continue
         except SourceError as error:
-            log.warning("a merged table of the index is damaged and is not used: %s", error)
+            log.warning("a joined table is damaged and is not used: %s", error)
             damaged.append(ident)
     return found, damaged

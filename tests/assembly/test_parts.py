@@ -80,7 +80,7 @@ def test_what_came_of_a_turn_is_given_when_the_next_begins() -> None:
 
 def test_frames_of_different_sensors_are_no_turn() -> None:
     one = frames.scene(2)
-    with pytest.raises(LidarCodecError, match="no parts of one turn"):
+    with pytest.raises(LidarCodecError, match="cannot be joined into one turn"):
         joined([one, frames.scene(2, sensor=frames.sensor(5))])
     assert joined([one]) is one
 

@@ -123,7 +123,7 @@ def test_bridges_show_the_message_with_its_own_fields():
     points = points_of(frame_of(payload))
     assert points.dtype.names == ("x", "y", "z", "intensity", "ring", "t_ns", "time")
     assert np.array_equal(points["time"], velodyne(60, seed=0)["time"])
-    with pytest.raises(Exception, match="no PointCloud2"):
+    with pytest.raises(Exception, match="is not a PointCloud2"):
         cdr_of(b"something else")
 
 

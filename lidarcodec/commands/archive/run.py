@@ -237,7 +237,7 @@ def _joined(target: Store) -> dict[str, int]:
     try:
         return index(target)
     except (OSError, SourceError, SettingsError) as error:
-        log.warning("the tables of the index were not merged (%s), so queries are slower: run --job index later", error)
+        log.warning("tables were not joined (%s), so queries are slower: run --job index later", error)
         return {}
 
 
