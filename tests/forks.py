@@ -3,13 +3,14 @@
 A command of the command line imports for half a second of processor time, and most tests of one let it work for less.
 So the first of them in a process of tests starts another one, which imports what commands need and then forks for each
 program that is asked for: the same code in a process of its own, as `python -m` starts it, but without the imports. It
-has one thread only, and ends with the process of the tests. What depends on the start itself, or on what is imported,
-is to be tested with `subprocess`.
+has one thread only. It ends with the process of the tests, and the programs with it, however that one ended. What
+depends on the start itself, or on what is imported, is to be tested with `subprocess`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import json
 import os
@@ -19,6 +20,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
@@ -31,6 +33,9 @@ PACKAGES: Final = ("lidarcodec.commands", "lidarcodec.codecs", "lidarcodec.senso
 SERVING: Final = ("serve", "demo", "token")
 LONGEST: Final = 1 << 18
 """Bytes of a request; Linux takes as much at once."""
+LAST_S: Final = 5.0
+"""For programs to end by themselves, when those who asked for them are gone."""
+PR_SET_PDEATHSIG: Final = 1
 
 
 class Process(subprocess.Popen):
@@ -86,9 +91,12 @@ def _can_be_forked(words: Any) -> bool:
 
 
 class Template:
-    """The process that others are forked from."""
+    """The process that others are forked from.
 
-    def __init__(self) -> None:
+    imports: whether it imports what commands need before it forks
+    """
+
+    def __init__(self, *, imports: bool = True) -> None:
         self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LONGEST)
         paths = [str(ROOT), str(ROOT / "server"), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -97,7 +105,7 @@ class Template:
         self._begun_with = _read_once(variables)
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.forks", str(theirs.fileno())],
+                [sys.executable, "-m", "tests.forks", str(theirs.fileno()), str(os.getpid()), str(int(imports))],
                 env=variables,
                 pass_fds=[theirs.fileno()],
                 cwd=ROOT,
@@ -105,6 +113,7 @@ class Template:
                 stdout=subprocess.DEVNULL,
             )
         self._asking = threading.Lock()
+        self.pid = self._process.pid
 
     def suits(self, variables: dict[str, str] | None) -> bool:
         """Whether a process with these variables starts as this one did."""
@@ -169,11 +178,16 @@ def _prepare() -> None:
     assert "zenoh" not in sys.modules, "a command without it ends otherwise than one with it"
 
 
-def _serve(asking: socket.socket) -> dict[str, Any]:
-    """Fork for each request. Returns only in a process that was forked, with its request."""
+def _serve(asking: socket.socket, asker: int) -> dict[str, Any]:
+    """Fork for each request of a process. Returns only in a process that was forked, with its request."""
     ends: dict[int, tuple[int, socket.socket]] = {}
+    ours = os.getpid()
+    its_end = os.pidfd_open(asker)  # its end of the channel may live on in processes that were forked from it
+    if os.getppid() != asker:
+        os._exit(0)
     events = select.poll()
     events.register(asking, select.POLLIN)
+    events.register(its_end, select.POLLIN)
     while True:
         for number, _ in events.poll():
             if number in ends:
@@ -184,9 +198,9 @@ def _serve(asking: socket.socket) -> dict[str, Any]:
                 with channel, contextlib.suppress(OSError):  # nobody may wait for it any more
                     channel.send(str(code).encode())
                 continue
-            data, fds, _, _ = socket.recv_fds(asking, LONGEST, 8)
+            data, fds = (b"", []) if number == its_end else socket.recv_fds(asking, LONGEST, 8)[:2]
             if not data:
-                os._exit(0)
+                _end_all({end: pid for end, (pid, _) in ends.items()})
             request = json.loads(data)
             if any(word in SERVING for word in request["words"][1:2]):
                 with contextlib.suppress(ImportError):
@@ -194,7 +208,8 @@ def _serve(asking: socket.socket) -> dict[str, Any]:
             *streams, told = fds
             pid = os.fork()
             if pid == 0:
-                for inherited in ends:
+                _end_with(ours)
+                for inherited in (its_end, *ends):
                     os.close(inherited)
                 for _, channel in ends.values():
                     channel.close()
@@ -213,12 +228,38 @@ def _serve(asking: socket.socket) -> dict[str, Any]:
             events.register(end, select.POLLIN)
 
 
+def _end_with(parent: int) -> None:
+    """Have this process killed when the one that it was forked from ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _end_all(running: dict[int, int]) -> None:
+    """Ask programs to end, since they may have started others, and end. Those that are left are killed with that.
+
+    running: number of each program's process by a descriptor that becomes readable with its end
+    """
+    events = select.poll()
+    for end, pid in running.items():
+        os.kill(pid, signal.SIGTERM)
+        events.register(end, select.POLLIN)
+    limit = time.monotonic() + LAST_S
+    left = len(running)
+    while left and (left_s := limit - time.monotonic()) > 0:
+        for end, _ in events.poll(1000 * left_s):
+            events.unregister(end)
+            left -= 1
+    os._exit(0)
+
+
 def main() -> None:
     """Import, fork when asked, and be the program that was asked for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's reaches the tests, too
-    asking = socket.socket(fileno=int(sys.argv[1]))
-    _prepare()
-    request = _serve(asking)
+    channel, asker, imports = map(int, sys.argv[1:])
+    if imports:
+        _prepare()
+    request = _serve(socket.socket(fileno=channel), asker)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.main_thread()._set_native_id()  # Python 3.11 leaves that of the process that it was forked from
     os.chdir(request["folder"])
