@@ -33,6 +33,14 @@ def marked(case: Any, mark: pytest.MarkDecorator) -> Any:
 def spread(*axes: Iterable[Any]) -> list[Any]:
     """Combinations of the values of several parameters; without `make sweeps` only so many that each value occurs."""
     values = [list(axis) for axis in axes]
-    count = max(map(len, values))
-    kept = [tuple(axis[number % len(axis)] for axis in values) for number in range(count)]
-    return sampled(product(*values), kept)
+    return sampled(product(*values), _few(values))
+
+
+def combined(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """As `spread`, for what a test goes through by itself."""
+    values = [list(axis) for axis in axes]
+    return list(product(*values)) if ALL else _few(values)
+
+
+def _few(values: list[list[Any]]) -> list[tuple[Any, ...]]:
+    return [tuple(axis[number % len(axis)] for axis in values) for number in range(max(map(len, values)))]

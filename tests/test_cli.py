@@ -170,6 +170,7 @@ BENCH_FIELDS = {
 }  # fmt: skip
 
 
+@pytest.mark.sweep
 def test_bench_prints_one_object_a_codec_and_setting_with_every_field(tmp_path):
     picture = tmp_path / "bench.png"
     result = run(

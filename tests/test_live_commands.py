@@ -184,6 +184,7 @@ def test_what_cannot_be_is_refused_in_one_line(words, code, says):
     assert says in the_one_line(result)
 
 
+@pytest.mark.sweep
 def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     """Whatever a user has set for publishers of his own."""
     mine = {"SENSOR": "roof", "RECORD": str(tmp_path / "kept"), "RATE": "1"}

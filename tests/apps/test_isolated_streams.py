@@ -134,6 +134,7 @@ def test_a_source_that_ends_is_flushed_through_the_process():
     there.close()
 
 
+@pytest.mark.sweep
 def test_over_the_network_both_sides_lose_their_processes_and_go_on(monkeypatch):
     monkeypatch.setenv("LIDARCODEC_ISOLATE", "always")
     port = free_port()

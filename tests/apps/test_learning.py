@@ -65,6 +65,7 @@ def test_a_car_learns_and_tells_what_it_brought(network):
         assert car.status()["errors"] == {}
 
 
+@pytest.mark.sweep
 def test_a_late_receiver_of_a_stream_that_learned_joins_at_once(network):
     with live(network) as first, publisher(network, rate=4.0, settings=LEARNING) as car:
         assert first.next(60)

@@ -18,11 +18,9 @@ LATE_S = 0.05
 """A machine that wakes threads later than this encodes and decodes too slowly for these figures."""
 
 
-@pytest.fixture(params=["relay", pytest.param("namespaces", marks=pytest.mark.namespaces)])
+@pytest.fixture(params=["relay", pytest.param("namespaces", marks=[pytest.mark.namespaces, pytest.mark.sweep])])
 def link(request):
     if request.param == "relay":
-        if Namespaces.missing() is None:
-            pytest.skip("shown between namespaces here")
         with Relayed(PARTS[0][0], free_port=free_port) as one:
             yield one
         return
@@ -56,6 +54,7 @@ def follows(link):
     assert publisher.said[-1]["final"]["errors"] == {}
 
 
+@pytest.mark.sweep
 def test_what_was_held_up_by_a_stall_is_left_out_and_the_newest_is_shown():
     """Nothing goes through for four seconds; then a few old frames come at once, and the stream goes on as before."""
     when_calm(goes_on_after_a_stall, LATE_S, attempts=2)

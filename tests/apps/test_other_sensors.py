@@ -116,7 +116,7 @@ def test_every_payload_of_a_bad_line_arrives(name, codec):
     ("name", "codec"),
     sampled(
         [("vlp16", "jpeg"), ("pandar40p", "h264-log"), ("OS-1-128", "jpeg-layered"), ("xt32m", "jxl")],
-        [("pandar40p", "h264-log"), ("xt32m", "jxl")],
+        [("xt32m", "jxl")],
     ),
 )
 def test_every_return_of_a_capture_arrives_as_a_picture(data_file, name, codec):
@@ -135,7 +135,7 @@ def test_every_return_of_a_capture_arrives_as_a_picture(data_file, name, codec):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("name", sampled(["vlp16", "pandar40p", "OS-1-128"], ["pandar40p", "OS-1-128"]))
+@pytest.mark.parametrize("name", sampled(["vlp16", "pandar40p", "OS-1-128"], ["pandar40p"]))
 def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packets(data_file, driver, name):
     payloads = sent_by(data_file(CAPTURES[name]))
     listening, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"

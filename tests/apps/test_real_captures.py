@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 import lidarcodec
@@ -16,13 +18,19 @@ from tests.transport.conftest import free_port
 
 @pytest.mark.data
 @pytest.mark.parametrize(
-    "name",
+    ("name", "framing"),
     sampled(
-        ["hdl64e_s3_atwall.pcap", "kitti_tracking0006_f000-010.pcap.xz", "kitti_sfnd_f000-049.pcap.xz"],
-        ["hdl64e_s3_atwall.pcap", "kitti_tracking0006_f000-010.pcap.xz"],
+        product(
+            ["hdl64e_s3_atwall.pcap", "kitti_tracking0006_f000-010.pcap.xz", "kitti_sfnd_f000-049.pcap.xz"],
+            ["packets", "revolution"],
+        ),
+        [
+            ("hdl64e_s3_atwall.pcap", "packets"),
+            ("hdl64e_s3_atwall.pcap", "revolution"),
+            ("kitti_tracking0006_f000-010.pcap.xz", "packets"),
+        ],
     ),
 )
-@pytest.mark.parametrize("framing", ["packets", "revolution"])
 def test_every_payload_arrives(data_file, name, framing):
     path, port = data_file(name), free_port()
     with open_source(path) as source:

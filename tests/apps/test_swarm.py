@@ -16,6 +16,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from tests.apps.streams import Loop
 from tests.command_line import run, start, the_one_line
+from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -23,7 +24,7 @@ SETTINGS = StreamSettings(codec="pcodec", key_interval=3)
 FRAMES = 4
 
 
-@pytest.mark.parametrize("kind", ["each for itself", "shared"])
+@pytest.mark.parametrize("kind", sampled(["each for itself", "shared"], ["shared"]))
 def test_every_vehicle_of_a_swarm_can_be_decoded_and_asked_for_a_key_frame(kind):
     endpoints = lidarcodec.Endpoints(loopback_port=free_port())
     loop = Loop(FRAMES)

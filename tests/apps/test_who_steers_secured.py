@@ -78,10 +78,10 @@ def test_a_viewer_that_reports_what_it_never_received_throttles_nobody(tmp_path)
                 with lying(tmp_path / "viewer-anna.json5"):
                     before = refusals(publisher)
                     assert eventually(lambda before=before: refusals(publisher) > before + 100)
-                    seen = frames_of(live, 4.0)
+                    seen = frames_of(live, 3.0)
                     flight = publisher.status()["flight"]
                 assert (flight["following"], flight["receivers"]) == ("ben", ["ben"])
-                alone = frames_of(live, 4.0)
+                alone = frames_of(live, 3.0)
                 if seen >= alone / 2:
                     break
             assert seen >= alone / 2, "the liar slows the stream down"

@@ -68,6 +68,7 @@ def test_an_order_follows_from_seed_and_epoch(made):
     assert len({str(order(0)), str(order(1)), str(order(0, seed=1))}) == 3
 
 
+@pytest.mark.sweep
 def test_workers_that_stay_take_the_next_epoch(made):
     dataset = lidarcodec.open_archive(made).dataset(transform=stamp)
     loader = DataLoader(dataset, batch_size=None, num_workers=1, persistent_workers=True)
@@ -96,6 +97,7 @@ def test_frames_can_be_chosen_and_kept_in_order(made):
     assert len({found.digest, first, shuffled.digest, archive.dataset(vehicle="car-8").digest}) == 4
 
 
+@pytest.mark.sweep
 def test_the_ranks_are_those_of_torch_distributed(made):
     """A spawned worker does not know the group of its parent, so they are in what it gets."""
     from torch import distributed

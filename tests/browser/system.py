@@ -20,6 +20,9 @@ LIMIT_S = 60.0
 RATE_HZ = 2
 """Of a vehicle: enough to be live, and what simulates, decodes and draws it leaves time for the rest."""
 
+DRIVE_FRAMES = 30
+"""Of the drive that a vehicle goes through again and again."""
+
 
 class System:
     """`lidarcodec serve` on ports of its own, and the vehicles that are started for it.
@@ -55,9 +58,18 @@ class System:
         keep: it keeps what it sees
         """
         if name not in self._vehicles:
+            source, *loop = self._drive(source) if source == "sim:city" else [source]
             more = ["--keep", "64MB", "--keep-dir", str(self.folder / f"{name}-kept")] if keep else []
             rate = ["--rate", str(RATE_HZ)]
-            self._vehicles[name] = self._start("publish", source, "--vehicle", name, *rate, "--original", *more)
+            self._vehicles[name] = self._start("publish", source, *loop, "--vehicle", name, *rate, "--original", *more)
+
+    def _drive(self, source: str) -> list[str]:
+        """A file of a drive, made once, and to begin again at its end: to simulate is half of a vehicle's work."""
+        path = self.folder / "drive.pcap"
+        if not path.exists():
+            made = run_here("simulate", f"{source}?frames={DRIVE_FRAMES}", path)
+            assert made.returncode == 0, made.stderr
+        return [str(path), "--loop"]
 
     def start_sensors(self, name: str, sensors: str) -> None:
         """Start a vehicle with several sensors, if it does not drive already. sensors: YAML, a line each"""

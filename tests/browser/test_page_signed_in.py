@@ -75,6 +75,7 @@ def test_a_token_that_is_revoked_ends_the_session_and_says_so(secured, page_of):
     page.complaints.clear()
 
 
+@pytest.mark.sweep
 def test_a_server_that_goes_away_is_said_to_be_away_and_is_found_again(secured, tokens, page_of):
     page = page_of(secured.url)
     sign_in(page, tokens["operator"])

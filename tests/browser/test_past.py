@@ -29,6 +29,7 @@ def past_of(page):
     return page.get_by_role("region", name="Past")
 
 
+@pytest.mark.sweep
 def test_the_last_seconds_are_fetched_played_and_saved_and_a_fetch_without_the_vehicle_can_be_cancelled(
     keeping, page_of
 ):

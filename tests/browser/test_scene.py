@@ -110,6 +110,7 @@ def test_each_stream_has_its_colour_or_all_share_one(shown):
     when(lambda: part(picture(shown)), lambda now: now > 0.002, "the other stream is orange")
 
 
+@pytest.mark.sweep
 def test_points_outside_the_box_are_not_drawn_and_the_count_says_so(shown):
     show_beside(shown, "left")
     whole = when(lambda: lively(picture(shown)), lambda now: now > 0.01, "points")
@@ -151,6 +152,7 @@ def test_a_view_is_kept_by_name_and_shown_again_also_after_a_reload(shown):
     expect(shown.get_by_role("button", name="Kerb", exact=True)).to_have_count(0)
 
 
+@pytest.mark.sweep
 def test_a_view_that_was_sent_is_shown_where_its_link_is_opened_and_a_broken_one_is_none(shown, car):
     show_beside(shown, "left")
     unfold(shown, "Views")
@@ -169,6 +171,7 @@ def test_a_view_that_was_sent_is_shown_where_its_link_is_opened_and_a_broken_one
     expect(shown.locator(".lidar-streams")).to_be_hidden()
 
 
+@pytest.mark.sweep
 def test_a_clip_is_a_film_of_the_picture(shown, tmp_path):
     with shown.expect_download() as download:
         shown.get_by_role("button", name="Record clip").click()
@@ -223,6 +226,7 @@ def test_fingers_turn_and_pinch(shown):
     assert abs(panned[3] - pinched[3]) + abs(panned[4] - pinched[4]) > 0.5, "two in one direction move"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=SWEEP)])
 def test_people_with_other_senses_and_hands_find_no_serious_hindrance_in_the_scene(car, page_of, scheme):
     """By the rules of axe (WCAG 2.2, levels A and AA)."""

@@ -83,6 +83,7 @@ def test_original_against_decoded_shows_no_error_without_loss_and_one_within_the
     change(fleet, reduction="all", max_error_m=0)
 
 
+@pytest.mark.sweep
 def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fleet, page):
     """Whether the server decodes or the page: a wall is a wall, and nobody takes for measured what was not."""
     change(fleet, codec="predictive", reduction="lattice:16")
@@ -118,6 +119,7 @@ def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fle
     change(fleet, reduction="auto")
 
 
+@pytest.mark.sweep
 def test_where_localise_finds_the_sensor_is_shown_with_its_doubt_and_lost_as_lost(fleet, page):
     line = page.locator(".lidar-where")
     expect(line).to_be_hidden()
@@ -141,6 +143,7 @@ def test_where_localise_finds_the_sensor_is_shown_with_its_doubt_and_lost_as_los
     expect(line).to_be_hidden()  # nobody says anything any more
 
 
+@pytest.mark.sweep
 def test_a_point_that_is_clicked_shows_its_fields_and_two_of_them_their_distance(page):
     page.get_by_role("checkbox", name="Measure").check()
     panel = page.locator(".lidar-picked")
@@ -181,6 +184,7 @@ def test_a_picture_can_be_saved_and_says_what_it_shows(page):
     assert np.ptp(image[int(box["height"]) :].astype(int)) > 60, "the caption has letters"
 
 
+@pytest.mark.sweep
 def test_the_camera_follows_the_keys_and_the_picture_stays_live(page):
     before = page.title()
     canvas = page.locator("canvas.lidar-canvas")

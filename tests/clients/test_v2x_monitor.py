@@ -21,6 +21,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport import Endpoints, open_transport
 from tests.command_line import environment
+from tests.sweeps import marked
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -177,6 +178,7 @@ def frames_seen(states: list[dict], stream: str) -> int:
     return states[-1]["vehicles"].get(stream, {"frames": 0})["frames"] if states else 0
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(600)
 def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
     """Parked cars at the kerb raise an alert, the free road beside them none, seen from both vehicles."""
@@ -230,9 +232,9 @@ def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
     ("words", "code", "said"),
     [
         (["a/b", "--zone", "z=1,2 3"], 2, "NAME=x,y"),
-        (["a/b", "a/b", "--zone", "z=0,0 4,0 4,4"], 2, "a/b is named twice"),
-        (["a", "--zone", "z=0,0 4,0 4,4"], 2, "'a' is not a stream"),
-        (["a/b", "--zone", "z=0,0 4,0 4,4", "--stand", "nan"], 2, "--stand"),
+        marked((["a/b", "a/b", "--zone", "z=0,0 4,0 4,4"], 2, "a/b is named twice"), pytest.mark.sweep),
+        marked((["a", "--zone", "z=0,0 4,0 4,4"], 2, "'a' is not a stream"), pytest.mark.sweep),
+        marked((["a/b", "--zone", "z=0,0 4,0 4,4", "--stand", "nan"], 2, "--stand"), pytest.mark.sweep),
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--out", "/nowhere/alerts.mcap"], 1, "/nowhere/alerts.mcap"),
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--connect", "nowhere"], 1, "'nowhere' is not an endpoint"),
     ],

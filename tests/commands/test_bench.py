@@ -32,6 +32,7 @@ def test_every_codec_that_can_trade_bits_for_error_has_a_curve(name):
         assert knob is not None
 
 
+@pytest.mark.sweep
 def test_a_codec_that_learns_is_measured_while_it_does(capsys):
     """What training in a stream costs and brings is told without a vehicle, and the same again."""
     first, again = (bench(capsys, "riddle", ["intensity=off"], frames=3, learn=7, as_json=True)[0][0] for _ in range(2))
@@ -41,6 +42,7 @@ def test_a_codec_that_learns_is_measured_while_it_does(capsys):
     assert "learned" not in bench(capsys, "zstd", frames=1, learn=7)[0][0]
 
 
+@pytest.mark.sweep
 def test_codecs_with_different_knobs_run_in_one_command_and_are_drawn(capsys, tmp_path, monkeypatch):
     monkeypatch.setitem(POINTS, "max_error_m", (0.0, 0.02, 0.1))
     monkeypatch.setitem(POINTS, "quality", (20, 90))
@@ -100,6 +102,7 @@ def test_all_metrics_are_there_when_asked_for_and_only_then(capsys):
     assert max(band["max_m"] or 0 for band in found[0]["range_errors"]) == found[0]["max_error_m"]
 
 
+@pytest.mark.sweep
 def test_the_table_to_read_shows_peers_and_more_metrics(capsys):
     command.run(SOURCE, codecs="raw,peer:lerc", pairs=[], **ONE, as_json=False, metrics="all")
     shown = capsys.readouterr().out
@@ -117,6 +120,7 @@ def test_what_a_receiver_fills_in_and_how_far_intensity_is_off_is_told(capsys):
     assert shades["intensity_psnr_db"] > none["intensity_psnr_db"] > 0
 
 
+@pytest.mark.sweep
 def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("lidarcodec.commands.bench.curve.TARGETS_KBPS", (700, 4000))
     monkeypatch.setattr(sys.modules[__name__], "SOURCE", "sim:road?seed=2&frames=3")
@@ -145,6 +149,7 @@ def test_where_a_drive_says_nothing_of_its_way_the_rest_of_the_curve_is_drawn_al
     assert found["chamfer_m"] > 0
 
 
+@pytest.mark.sweep
 def test_a_picture_of_bits_shows_peers_in_one_piece(capsys, tmp_path):
     picture = tmp_path / "bits.svg"
     bench(capsys, "raw,peer:zstd,peer:lerc", plot=picture)

@@ -154,7 +154,7 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
     assert wrong.returncode == 2
     assert "is the configuration of vehicle car-7, which is not allowed to publish as car-8" in wrong.stderr
     router = Router(config=str(tmp_path / "router-localhost.json5"), listen=f"tls/localhost:{port}")
-    car = start("publish", "sim:road", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
+    car = start("publish", "sim:road?sensor=vlp16", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     try:
         words = ("car-7/lidar", "--frames", "5", "--zenoh-config", tmp_path / "viewer-anna.json5", "--json")
         seen = run("subscribe", *words)

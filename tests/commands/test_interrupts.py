@@ -21,7 +21,7 @@ from tests.command_line import run_here, start
 from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 
-FRAMES = 12
+FRAMES = 6
 SOURCE = f"sim:city?frames={FRAMES}"
 MOMENTS = sampled([3, 20], [3])
 """How many of each command: seeded, from before it listens to the end of its work."""

@@ -39,7 +39,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     "words",
     [
         pytest.param(("encode", "--codec", "zstd"), marks=pytest.mark.sweep),
-        ("encode", "--codec", "predictive", "--set", "motion=true"),
+        pytest.param(("encode", "--codec", "predictive", "--set", "motion=true"), marks=pytest.mark.sweep),
         pytest.param(("encode", "--set", "framing=revolution"), marks=pytest.mark.sweep),
         ("encode", "--set", "framing=packets:100", "--with-clouds"),
         ("convert", "--as", "packets"),

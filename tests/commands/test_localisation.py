@@ -10,6 +10,7 @@ from tests.command_line import run_here, the_one_line
 SOURCE = "sim:street?frames=9&traffic=0"
 
 
+@pytest.mark.sweep
 def test_reductions_stand_side_by_side_with_pictures(tmp_path):
     ran = run_here(
         "evaluate", "localisation", SOURCE, "--reduction", "voxel,columns:12", "--map", "own",
@@ -28,6 +29,7 @@ def test_reductions_stand_side_by_side_with_pictures(tmp_path):
         assert (tmp_path / picture).stat().st_size > 5000
 
 
+@pytest.mark.sweep
 def test_a_sweep_says_at_which_bitrate_the_error_is_five_centimetres(tmp_path, monkeypatch):
     monkeypatch.setitem(POINTS, "max_error_m", (0.0, 0.05, 0.5))
     ran = run_here(

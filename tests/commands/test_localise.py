@@ -24,6 +24,7 @@ from lidarcodec.transport.base import Priority
 from lidarcodec.untrusted.json import read_object
 from tests.command_line import run_here, the_one_line
 from tests.commands.test_json import check
+from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 
 SOURCE = "sim:street?frames=6&traffic=0"
@@ -81,7 +82,7 @@ def test_scans_are_looked_for_in_a_map_whole_and_thinned(street):
         assert named in the_one_line(ran)
 
 
-@pytest.mark.parametrize("where", ["file", "network"])
+@pytest.mark.parametrize("where", sampled(["file", "network"], ["network"]))
 def test_a_live_stream_is_found_and_its_poses_are_on_a_key(where, street, start, capsys):
     """The vehicle says about where it is, so that no search is needed. It also serves the map."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"

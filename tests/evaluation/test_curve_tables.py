@@ -39,6 +39,7 @@ def test_the_page_shows_what_the_results_say():
     assert text(known) in PAGE.read_text()
 
 
+@pytest.mark.sweep
 def test_the_pictures_of_the_page_are_small(tmp_path):
     known = json.loads(RESULTS.read_text())["scenes"]
     draw(known, tmp_path)

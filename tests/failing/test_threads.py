@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,11 @@ from tests.sweeps import sampled
 
 SOURCE = Path(__file__).with_name("no_threads.c")
 ENDS_WITHIN_S = 60.0
+COMMANDS = {
+    "publish": ("sim:street?frames=5", "--vehicle", "no-threads", "--rate", "20"),
+    "subscribe": ("no-threads/lidar", "--frames", "1"),
+    "serve": ("--port", "0", "--database-url", "sqlite:///{}/server.db"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -27,26 +33,17 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-@pytest.mark.parametrize("left", sampled(range(14), [0, 5, 7]))
 @pytest.mark.parametrize(
-    "words",
-    [
-        ("publish", "sim:street?frames=5", "--vehicle", "no-threads", "--rate", "20"),
-        ("subscribe", "no-threads/lidar", "--frames", "1"),
-        ("serve", "--port", "0", "--database-url", "sqlite:///{}/server.db"),
-    ],
-    ids=lambda words: words[0],
+    ("name", "left"), sampled(product(COMMANDS, range(14)), [("publish", 0), ("subscribe", 5), ("serve", 7)])
 )
-def test_a_command_without_threads_fails_or_does_its_work(
-    tmp_path: Path, library: Path, words: tuple[str, ...], left: int
-) -> None:
-    given = [word.format(tmp_path) for word in words]
+def test_a_command_without_threads_fails_or_does_its_work(tmp_path: Path, library: Path, name: str, left: int) -> None:
+    given = [name, *(word.format(tmp_path) for word in COMMANDS[name])]
     environment = os.environ | {"LD_PRELOAD": str(library), "THREADS_LEFT": str(left), "RUST_BACKTRACE": "0"}
     process = subprocess.Popen(
         [*COMMAND, *given], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
     )
     try:
-        out, complaint = process.communicate(timeout=ENDS_WITHIN_S if words[0] == "publish" else 15.0)
+        out, complaint = process.communicate(timeout=ENDS_WITHIN_S if name == "publish" else 15.0)
     except subprocess.TimeoutExpired:  # it waits for a stream or for requests: it got the threads that it needs
         process.terminate()
         out, complaint = process.communicate(timeout=ENDS_WITHIN_S)

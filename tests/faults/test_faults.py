@@ -34,6 +34,7 @@ def test_a_table_is_written_where_it_belongs_and_nowhere_else():
         written("a page", [])
 
 
+@pytest.mark.sweep
 def test_a_full_disk_stops_the_recording_and_not_the_stream():
     if (why := SmallDisk.missing()) is not None:
         pytest.skip(why)

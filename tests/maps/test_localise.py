@@ -168,6 +168,7 @@ def test_two_places_that_look_alike_are_none(tmp_path):
         assert find_pose(MapWindow(reader), cloud, stop=lambda: True) is None
 
 
+@pytest.mark.sweep
 def test_a_court_that_looks_the_same_turned_by_180_degrees_has_no_pose(tmp_path):
     there = court(30.0, 17.0)
     cloud = court(30.0, 17.0, seed=2).xyz - [25.0, 25.0, 1.8]

@@ -131,7 +131,9 @@ def test_whoever_joins_at_a_key_message_has_the_weights(drive: list[Frame], stre
         check(reader.decode(message), drive[message.frame_index])
 
 
-@pytest.mark.parametrize("own", [{}, {"memory": False}], ids=["with memory", "each frame alone"])
+@pytest.mark.parametrize(
+    "own", [{}, pytest.param({"memory": False}, marks=pytest.mark.sweep)], ids=["with memory", "each frame alone"]
+)
 def test_a_lost_update_is_asked_for(drive: list[Frame], own: dict[str, object]) -> None:
     """As a live receiver does: a reference that is missing is asked for, and the next key message mends it."""
     encoder, reader = StreamEncoder(settings(**own), stream_id=7), StreamDecoder()

@@ -44,14 +44,14 @@ def kept(sent: Sent, target: float) -> None:
 
 
 @pytest.mark.parametrize("codec", sampled(["pcodec", "zstd"], ["pcodec"]))
-@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [600, 2000]))
+@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [2000]))
 def test_the_simulator_keeps_to_the_target(city: list[Frame], codec: str, target: float) -> None:
     kept(run(city, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
 
 
 @pytest.mark.parametrize("name", sampled([SFND, VEGETATION], [VEGETATION]))
 @pytest.mark.parametrize("codec", sampled(["pcodec", "zstd", "jpeg-layered"], ["pcodec"]))
-@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [600, 2000]))
+@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [600]))
 def test_a_drive_keeps_to_the_target(drive, name: str, codec: str, target: float) -> None:
     if codec == "jpeg-layered" and not 1000 < target < 2500:
         pytest.skip("jpeg-layered carries another range of bitrates")
@@ -59,7 +59,9 @@ def test_a_drive_keeps_to_the_target(drive, name: str, codec: str, target: float
 
 
 @pytest.mark.parametrize("codec", sampled(["jpeg", "h264"], ["jpeg"]))
-@pytest.mark.parametrize(("reduction", "purpose"), [("voxel", "look"), ("columns:4", "localise")])
+@pytest.mark.parametrize(
+    ("reduction", "purpose"), sampled([("voxel", "look"), ("columns:4", "localise")], [("voxel", "look")])
+)
 def test_returns_that_a_reducer_chose_stay_true_too(drive, codec: str, reduction: str, purpose: str) -> None:
     """Their neighbours in the picture are far off: at qualities for whole pictures the RMSE was above 0.3 m."""
     frames = dict(enumerate(drive("kitti_0001_f000-089.pcap.xz")[:15]))
@@ -73,7 +75,7 @@ def test_returns_that_a_reducer_chose_stay_true_too(drive, codec: str, reduction
     assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < COARSEST_M
 
 
-@pytest.mark.parametrize("target", [500, 1200, 3500])
+@pytest.mark.parametrize("target", sampled([500, 1200, 3500], [1200]))
 def test_a_group_is_right_when_it_is_sent(city: list[Frame], target: float) -> None:
     """Nothing that comes within a second could make up for 0.8 s that took too much: the first group too must fit."""
     sent = run(city, StreamSettings(codec="jpeg-layered", target_kbps=target, intensity="off"))
@@ -103,7 +105,9 @@ def test_a_group_that_ends_early_or_is_left_behind_keeps_to_the_target(city: lis
     assert size_of(free[0]) * 8 / 8 / 100.2 > 1650, "without a target the quality of the settings counts again"
 
 
-@pytest.mark.parametrize(("codec", "target"), [("h264", 250), ("h264", 600), ("h264-log", 1200)])
+@pytest.mark.parametrize(
+    ("codec", "target"), sampled([("h264", 250), ("h264", 600), ("h264-log", 1200)], [("h264", 600)])
+)
 def test_a_video_keeps_to_the_target_although_each_turn_of_its_knob_costs_a_picture(
     drive, codec: str, target: float
 ) -> None:
@@ -112,7 +116,7 @@ def test_a_video_keeps_to_the_target_although_each_turn_of_its_knob_costs_a_pict
     kept(sent, target)
 
 
-@pytest.mark.parametrize("codec", ["h264", "h264-log"])
+@pytest.mark.parametrize("codec", sampled(["h264", "h264-log"], ["h264-log"]))
 def test_a_video_in_another_scene_or_after_another_codec_settles_within_a_second(drive, codec: str) -> None:
     """The first picture of another scene takes three times its share, unless it is coded anew before it is sent."""
     one, two = (drive(name)[:30] for name in (SFND, VEGETATION))
@@ -153,11 +157,11 @@ def test_a_new_scene_and_a_new_codec_settle_within_a_second(drive) -> None:
     assert sent.means(1.0).max() < 1.2 * 2500
 
 
-def test_slabs_and_whole_turns_are_steered_by_time_not_by_count() -> None:
-    for framing in ("packets:29", "revolution"):
-        frames = list(api.read_frames("sim:city?frames=20", framing))[:-1]
-        sent = run(frames, StreamSettings(target_kbps=2000, intensity="off", framing=framing))
-        assert sent.means(0.5, 0.5) == pytest.approx(2000, rel=0.05)
+@pytest.mark.parametrize("framing", sampled(["packets:29", "revolution"], ["packets:29"]))
+def test_slabs_and_whole_turns_are_steered_by_time_not_by_count(framing: str) -> None:
+    frames = list(api.read_frames("sim:city?frames=20", framing))[:-1]
+    sent = run(frames, StreamSettings(target_kbps=2000, intensity="off", framing=framing))
+    assert sent.means(0.5, 0.5) == pytest.approx(2000, rel=0.05)
 
 
 def test_a_bound_holds_and_the_missed_target_is_reported(city: list[Frame], caplog) -> None:

@@ -26,7 +26,10 @@ def scans_of(paths: list[str], data_file, calibration: str | None) -> Iterator[F
                 yield frame.with_(index=index, stamp_ns=frame.stamp_ns + index * 103_000_000)
 
 
-@pytest.mark.parametrize(("files", "calibration"), [(ODOMETRY, None), (RAW, "kitti_hdl64e_s2_recovered.yaml")])
+@pytest.mark.parametrize(
+    ("files", "calibration"),
+    [(ODOMETRY, None), pytest.param(RAW, "kitti_hdl64e_s2_recovered.yaml", marks=pytest.mark.sweep)],
+)
 def test_the_budget_is_kept_of_published_scans(files: list[str], calibration: str | None, data_file) -> None:
     scans = list(scans_of(files, data_file, calibration))
     assert len(scans) == len(files)

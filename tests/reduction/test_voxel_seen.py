@@ -72,6 +72,7 @@ def test_slabs_are_looked_up_in_the_slabs_of_a_turn() -> None:
     assert rails > 0.9 * rails_of_all
 
 
+@pytest.mark.sweep
 def test_slabs_without_poses_are_looked_up_too() -> None:
     """Twice a turn a motion is found; the slabs between go on as the vehicle went."""
     reducing = reducer(keep_fraction=0.09)

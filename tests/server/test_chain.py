@@ -13,6 +13,7 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import pack, unpack
 from lidarcodec_server.live.chain import PENDING, Coded, KeyChain, coded
+from tests.sweeps import sampled
 
 HISTORY = StreamSettings(codec="pcodec", codec_settings={"mask_history": True}, key_interval=12)
 
@@ -33,7 +34,7 @@ def stream(frames, settings, number, stream_id=1):
 
 
 @pytest.mark.parametrize("settings", [StreamSettings(key_interval=9), HISTORY], ids=["intra", "chain"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sampled(range(3), [0]))
 def test_whatever_a_viewer_misses_it_can_decode_what_it_gets(frames, settings, seed):
     chance = random.Random(seed)
     chain, decoder, got, offered = KeyChain(), StreamDecoder(), 0, 0

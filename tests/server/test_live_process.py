@@ -35,7 +35,7 @@ def system(folder):
     variables = environment(LIDARCODEC_LOOPBACK_PORT=str(free_port()))
     port = free_port()
     serve = ["serve", "--port", str(port), "--database-url", f"sqlite:///{folder / 'server.db'}"]
-    publish = ["publish", "sim:city?frames=400", "--vehicle", "car-7", "--sensor", "roof", "--rate", "10"]
+    publish = ["publish", "sim:city?frames=400", "--vehicle", "car-7", "--sensor", "roof", "--rate", "4"]
     started = [
         forks.Process([*COMMAND, *words], env=variables, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         for words in ([*serve, "--recordings", str(folder / "recordings")], publish)

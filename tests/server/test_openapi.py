@@ -114,6 +114,7 @@ async def test_the_document_names_every_setting_that_can_be_changed(serving):
     assert schema["additionalProperties"] is False
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)  # it computes all the time, and a busy machine takes its own
 def test_hostile_requests_get_answers_that_the_document_allows(tmp_path):
     """`make faults` asks a thousand; these few hold the way open."""

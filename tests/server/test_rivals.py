@@ -142,7 +142,7 @@ def test_two_servers_with_settings_for_one_vehicle_say_so_and_come_to_rest(tmp_p
     for name in ("a.db", "b.db"):
         shutil.copy(empty_database, tmp_path / name)
     servers = [Server(None, f"sqlite:///{tmp_path / name}", **where) for name in ("a.db", "b.db")]
-    publish = ("publish", "sim:road?frames=100000", *CAR, "--codec", "zstd")
+    publish = ("publish", "sim:road?sensor=vlp16&frames=100000", *CAR, "--codec", "zstd", "--rate", "3")
     car = start(*publish, variables=where)
     try:
         for server, interval in zip(servers, (5, 9), strict=True):

@@ -29,7 +29,7 @@ def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path
     zenoh = str(config / "operator-server.json5")
     own = {"LIDARCODEC_ZENOH_CONFIG": zenoh, "LIDARCODEC_SERVE_RECORDINGS": str(tmp_path)}
     server = Server(tmp_path, free_port(), free_port(), **own)
-    car = start("publish", "sim:road", "--zenoh-config", config / "vehicle-car-7.json5")
+    car = start("publish", "sim:road?sensor=vlp16", "--rate", "4", "--zenoh-config", config / "vehicle-car-7.json5")
     try:
         server.start()
         assert eventually(lambda: alive(server, STREAM), 40)

@@ -18,6 +18,7 @@ from lidarcodec_server import told
 from lidarcodec_server.told import known_settings, read_answer, read_status
 from tests.apps.streams import Loop
 from tests.server.conftest import STREAM, until
+from tests.sweeps import combined
 
 KEYS = StreamKeys("car-7", "roof")
 OTHER = [
@@ -86,7 +87,7 @@ async def test_whatever_vehicles_tell_every_page_of_the_server_answers(serving, 
     nan = '{"stream_id": "aa", "settings": {"x": NaN}}'
     settings = json.dumps({"settings": {"codec_settings": {"x": "A" * 50_000}}})
     whole = [text for text in (deep, nan, settings) for _ in range(3)]  # for each of the three pages
-    texts = [*whole, *(json.dumps({name: value}) for name in told._FIELDS for value in OTHER)]
+    texts = [*whole, *(json.dumps({name: value}) for name, value in combined(told._FIELDS, OTHER))]
     with network.transport() as bad:
         sender, token = bad.sender(KEYS.status, Priority.STATUS), bad.token(KEYS.alive)
         async with serving() as client:

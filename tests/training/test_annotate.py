@@ -83,6 +83,7 @@ def test_labels_follow_the_truth_of_a_simulated_drive(annotated: AnnotationFolde
     assert found.counts.max() <= FRAMES
 
 
+@pytest.mark.sweep
 def test_a_spot_is_counted_once_a_pose_and_never_more_often_than_there_are_poses(annotated: AnnotationFolder) -> None:
     counts = annotated.map_counts()
     poses = counted_poses(annotated.trajectory().matrices, 0.5).sum()

@@ -41,6 +41,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder.path
 
 
+@pytest.mark.sweep
 def test_a_toy_training_learns_is_seeded_and_goes_on_where_it_was(drive: Path, tmp_path: Path) -> None:
     run = PocoRun(seed=4, epochs=3, points=POINTS, rate=3e-3)
     losses: list[float] = []

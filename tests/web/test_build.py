@@ -55,7 +55,7 @@ def node_modules() -> Path:
     return WEB / "node_modules"
 
 
-@pytest.mark.parametrize("script", ["test -- --pool=threads", "types", "lint", "stale"])
+@pytest.mark.parametrize("script", ["test -- --pool=threads --no-isolate", "types", "lint", "stale"])
 def test_the_pages_own_checks_pass(node_modules, script):
     result = subprocess.run(
         ["npm", "run", "--silent", *script.split()], cwd=WEB, capture_output=True, text=True, timeout=100, check=False

@@ -24,6 +24,7 @@ from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 
+@pytest.mark.sweep
 def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     car = Publisher(

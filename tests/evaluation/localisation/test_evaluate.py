@@ -111,6 +111,7 @@ def test_equal_bytes_are_equal_whatever_a_point_costs(dear):
     assert fitted(as_it_is, send) is as_it_is
 
 
+@pytest.mark.sweep
 def test_the_oracles_prefer_what_many_scans_saw(evaluation):
     """Counted over the whole drive, a facade outlives a car."""
     at = evaluation.scored.all[0]

@@ -91,6 +91,7 @@ def test_an_image_without_returns_is_no_trouble() -> None:
         assert np.array_equal(decode_image(encode_image(image, predictor), image, predictor).cells, image.cells)
 
 
+@pytest.mark.sweep
 def test_bad_bytes_give_an_error_of_ours() -> None:
     image, predictor = PaperImage.plain(toy_ranges(14, 6, 30), 10), a_predictor()
     for coder in CODERS:

@@ -63,6 +63,7 @@ def test_a_resumed_run_makes_the_weights_of_one_without_a_break(tmp_path: Path, 
     assert log.log[-1]["within_10_cm"] is not None
 
 
+@pytest.mark.sweep
 def test_a_run_may_be_made_shorter_on_the_way(tmp_path: Path) -> None:
     train(scans(2), [], SMALL, tmp_path, until=2)
     train(scans(2), [], RunSettings(**{**SMALL.__dict__, "steps": 3}), tmp_path)

@@ -28,6 +28,7 @@ LONG_S = 1.5
 """Long for a health check, on a busy machine too; it took 1.5 to 15 s, for as long as a flood went on."""
 
 
+@pytest.mark.sweep
 def test_frames_before_the_socket_is_accepted_hold_up_nobody(server):
     """Nobody needs a token to ask for a socket, and to send before the answer."""
     blob = 40_000 * ws_frame(2)
