@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a thread for each core waits busily beside other tests
 gc.disable()  # until the tests are collected: nearly all that comes until then stays to the end
 
 

@@ -16,8 +16,8 @@ ALL = os.environ.get("LIDARCODEC_EXAMPLES") == "all"
 
 
 def examples(count: int) -> int:
-    """How many examples a test draws: a quarter of them, at least ten, unless LIDARCODEC_EXAMPLES is `all`."""
-    return count if ALL else max(10, count // 4)
+    """How many examples a test draws: an eighth of them, at least ten, unless LIDARCODEC_EXAMPLES is `all`."""
+    return count if ALL else max(10, count // 8)
 
 
 def sampled(cases: Iterable[Any], kept: Collection[Any]) -> list[Any]:

@@ -8,7 +8,7 @@ from tests.command_line import environment
 from tests.transport.conftest import free_port
 from tools import notebooks
 
-SLOW = {"training", "bits-and-error"}
+SLOW = {"training", "bits-and-error", "live"}
 
 
 def here(name):

@@ -32,9 +32,10 @@ def publish(
     rate: float | str = 10.0,
     settings: dict[str, Any],
     record: str | None = None,
+    whole: bool = False,
     **where: Any,
 ) -> None:
-    packets = Loop(frames) if source is None else looped(source)
+    packets = Loop(frames, whole=whole) if source is None else looped(source)
     endpoints = lidarcodec.Endpoints.of(**where)
     publisher = lidarcodec.Publisher(packets, settings_from(settings), rate=rate, record=record, endpoints=endpoints)
     signal.signal(signal.SIGTERM, lambda *_: publisher.interrupt())

@@ -40,18 +40,24 @@ def smooth_payloads(packets: int = 348, seed: int = 3) -> np.ndarray:
 
 
 @cache
-def smooth_turn() -> tuple[bytes, ...]:
-    """The same without the tails: as many sources as there are tests take it."""
-    return tuple(row.tobytes()[:1200] for row in smooth_payloads())
+def smooth_turn(*, whole: bool = False) -> tuple[bytes, ...]:
+    """The same without the tails, unless whole with returns in a sixth of it: what a test costs is for the others."""
+    turn = smooth_payloads()
+    if not whole:
+        turn[len(turn) // 6 :, :1200].reshape(-1, 12, 100)[..., 4:] = 0
+    return tuple(row.tobytes()[:1200] for row in turn)
 
 
 class Loop(PacketSource):
-    """`frames` frames of 348 packets (endless without); packet times run on, every packet is different."""
+    """`frames` frames of 348 packets (endless without); packet times run on, every packet is different.
 
-    def __init__(self, frames: int | None = None, *, first: int = 0) -> None:
+    whole: there are returns all around, as where a bitrate is to be large
+    """
+
+    def __init__(self, frames: int | None = None, *, first: int = 0, whole: bool = False) -> None:
         super().__init__(sensor())
         self.frames, self.first = frames, first
-        self._turn = smooth_turn()
+        self._turn = smooth_turn(whole=whole)
         self._stop = threading.Event()
 
     def packets(self) -> Iterator[Packet]:

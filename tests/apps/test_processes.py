@@ -157,7 +157,7 @@ def test_a_signal_ends_either_side_cleanly_and_quickly(ends):
 def test_a_narrow_path_costs_frames_and_not_latency_and_both_sides_count_them(ends, kbit, delay_s):
     """A stream of about 10 Mbit/s through a relay: the newest frames arrive, none is older than a few messages take."""
     port = free_port()
-    car = ends("publish", listen=f"tcp/127.0.0.1:{port}")
+    car = ends("publish", listen=f"tcp/127.0.0.1:{port}", whole=True)
     assert eventually(lambda: car.said)
     relay = Relay(port, kbit=kbit, delay_s=delay_s)
     try:

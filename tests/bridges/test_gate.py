@@ -163,7 +163,7 @@ def test_room_for_viewers_is_counted_in_bytes(network, monkeypatch):
     monkeypatch.setattr(bridges, "VIEWER_BYTES", 1 << 20)  # a cloud of these frames has more
     with (
         bridges.FoxgloveBridge(["vehicle/lidar"], port=0, transport=network(), max_viewers=8) as bridge,
-        Publisher(Loop(), rate=5.0, transport=network()),
+        Publisher(Loop(whole=True), rate=5.0, transport=network()),
     ):
         viewers = [Viewer(bridge.url) for _ in range(4)]
         for one in viewers:
@@ -197,7 +197,7 @@ def test_the_command_ends_although_a_viewer_does_not_read():
     port = free_port()
     command = start("bridge", "foxglove", "vehicle/lidar", "--port", 0, "--connect", f"tcp/127.0.0.1:{port}")
     line = command.stderr.readline()
-    with Publisher(Loop(), rate=10.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
+    with Publisher(Loop(whole=True), rate=10.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
         stuck, quick = foxglove.Viewer(line.split()[-1]), foxglove.Viewer(line.split()[-1])
         for each in (stuck, quick):
             each.subscribe("/vehicle/lidar/points")

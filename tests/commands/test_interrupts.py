@@ -317,9 +317,9 @@ def test_a_part_has_its_calibration_though_the_whole_has_it_already(drive: Path,
 @pytest.mark.parametrize("framing", sampled(["packets:50", "revolution"], ["packets:50"]))
 def test_the_rest_of_a_recording_is_counted_in_its_own_frames(tmp_path: Path, framing: str) -> None:
     """`convert` counted turns of 348 packets, whatever frames it wrote, and `join` refused the parts."""
-    words = ["convert", "sim:city?frames=24", tmp_path / "out.mcap", "--codec", "raw", "--set", f"framing={framing}"]
+    words = ["convert", "sim:city?frames=12", tmp_path / "out.mcap", "--codec", "raw", "--set", f"framing={framing}"]
     result = interrupted_while_writing(list(words), tmp_path, signal.SIGINT)
-    with open_source("sim:city?frames=24") as source:
+    with open_source("sim:city?frames=12") as source:
         whole = [packet.payload for packet in source.packets()]
     assert result.returncode == 130, result.stderr
     assert check(result, tmp_path, tmp_path / "out.mcap", whole, 130)

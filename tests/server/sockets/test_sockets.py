@@ -40,7 +40,7 @@ async def test_a_viewer_sees_the_points_of_the_vehicle(server, vehicle):
         assert (hello["options"]["attributes"], hello["options"]["fill"]) == (["intensity", "ring", "filled"], True)
         sensor = await event(socket, "sensor")
         head, arrays = CLIENT.read_message(await frame(socket))
-        assert head["count"] > 100_000
+        assert head["count"] > 15_000
         assert (sensor["rings"], len(sensor["laser"])) == (64, 64)
         assert head["stream_id"] == vehicle.stream_id
         assert 0 <= head["latency_ms"] < 60_000
@@ -53,7 +53,7 @@ async def test_gaps_are_filled_in_for_a_person_and_not_where_a_program_is_to_loo
     async with server.socket(f"{STREAM}/cloud?attributes=filled") as socket:
 
         async def seen(purpose, flag):
-            vehicle.change(codec="pcodec", target_kbps=700, purpose=purpose)
+            vehicle.change(codec="pcodec", target_kbps=150, purpose=purpose)
             for _ in range(200):
                 head, _ = CLIENT.read_message(await frame(socket))
                 await socket.send("ack")
