@@ -157,6 +157,7 @@ def test_over_the_network_both_sides_lose_their_processes_and_go_on(monkeypatch)
     assert eventually(lambda: gone(theirs) and gone(last))
 
 
+@pytest.mark.sweep
 def test_a_terminals_interrupt_ends_the_stream_and_its_process_quietly(monkeypatch):
     """Ctrl-C goes to the whole group: the publisher ends its stream, its codec does not die before."""
     port = free_port()

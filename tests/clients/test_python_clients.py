@@ -58,6 +58,7 @@ def test_what_cannot_be_is_said_in_a_line(words, tmp_path):
     assert refused.stderr.startswith(f"{words[0].removesuffix('.py')}: 'car' is not a stream")
 
 
+@pytest.mark.sweep
 def test_whoever_has_seen_enough_gets_what_came(endpoint, tmp_path):
     out = tmp_path / "live.pcap"
     command = [sys.executable, str(CLIENTS / "to_pcap.py"), str(out), "--connect", endpoint, "--seconds", "1e6"]

@@ -102,6 +102,7 @@ def test_the_solver_prints_nothing_between_the_results(town, tmp_path):
     assert found["seconds"] >= 0
 
 
+@pytest.mark.sweep
 def test_points_in_utm_keep_their_places_in_a_pcd(tmp_path):
     """Northings are millions of metres: 32 bits would move them by a quarter of a metre."""
     out = tmp_path / "u.lcmap"

@@ -45,6 +45,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_stream():
     assert "No space left on device" in outcome.reported
 
 
+@pytest.mark.sweep
 def test_hostile_messages_neither_stop_a_stream_nor_change_it():
     from tests.faults import hostile_zenoh
 

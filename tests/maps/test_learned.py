@@ -98,6 +98,7 @@ def test_the_network_without_torch_is_that_of_training(weights):
     assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.99
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(600)  # a busy machine takes minutes to load torch
 def test_the_command_trains_goes_on_and_writes_weights_that_compress_takes(tmp_path):
     pytest.importorskip("torch", reason="needs the extra `learned`")

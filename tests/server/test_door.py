@@ -285,6 +285,7 @@ def hurry(over: threading.Event, *, port: int, begin: bytes) -> None:
         time.sleep(0.002)
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(180)
 def test_who_connects_too_often_costs_little_and_health_checks_are_answered(tmp_path):
     """Each connection cost 4 ms of a processor, so the queue of those that wait was full; by processor time, because

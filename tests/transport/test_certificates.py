@@ -90,7 +90,7 @@ def test_it_is_said_when_it_comes_to_its_end_and_once_a_day(caplog):
 @pytest.mark.parametrize(
     "command",
     [
-        ("publish", "sim:street?sensor=vlp16&frames=100000"),
+        pytest.param(("publish", "sim:street?sensor=vlp16&frames=100000"), marks=pytest.mark.sweep),
         pytest.param(("subscribe", "car-7/lidar"), marks=pytest.mark.sweep),
         ("serve", "--port", 0, "--database-url", "sqlite:///{folder}/server.db", "--recordings", "{folder}/recordings"),
         pytest.param(("bridge", "foxglove", "car-7/lidar", "--port", 0), marks=pytest.mark.sweep),

@@ -64,6 +64,7 @@ def test_poses_that_are_not_there_cannot_be_given():
         find_reference(Bare(), "given")
 
 
+@pytest.mark.sweep
 def test_refined_odometry_finds_an_exact_drive_to_a_centimetre_and_says_how_sure_it_is(street, exact):
     found = find_reference(street, "refined")
     assert found.kind == "refined"

@@ -38,6 +38,7 @@ def nothing(_: Measured) -> None:
     """Watches nothing."""
 
 
+@pytest.mark.sweep
 def test_training_beats_the_network_it_began_with_on_samples_it_never_saw(tmp_path: Path) -> None:
     held = [toy_rows(3000, 2)]
     seen: list[Measured] = []

@@ -80,6 +80,7 @@ def test_a_sensor_of_ones_own_stays_itself() -> None:
     assert 0 < sum(v.mirrored for v in varied) < 30
 
 
+@pytest.mark.sweep
 def test_simulated_drives_are_the_same_for_a_seed_and_all_different() -> None:
     drives = list(simulated_drives(3, seed=3))
     assert drives[:1] == list(simulated_drives(1, seed=3))
