@@ -1,8 +1,11 @@
-"""`greedy`: points in proportion to the scans that hit them, in each small cube and each direction.
+"""`greedy`: points in proportion to how often scans hit them, in each small cube and each direction.
 
 With at most K points it maximises, over the numbers n_g of points of each group g, a cube and a direction,
 
-    sum over groups g of w_g log n_g,   w_g = (scans that hit points of g) * (all / those of its direction)^(1/3)
+    sum over groups g of w_g log n_g,   w_g = h_g * (all / that of its direction)^(1/3)
+
+where h_g adds up, over the points of g, by how many scans more than three each was hit. What few scans hit is often a
+car that drove beside the sensor: it helps no scan of another day, and leads those of this one astray.
 
 A direction is that of the normal: up, or one of four ways along the ground. So scans of all places find partners where
 they have returns, and where few points hold a scan in one direction, as along a straight road, more of these are kept.
@@ -27,6 +30,10 @@ UP: Final = 0.8
 """Least height of a normal that faces up."""
 MOST_COUNT: Final = 30
 """A car that stands at a crossing hits the same points again and again; that makes them no better."""
+SELDOM: Final = 3
+"""Scans that hit a point without making it worth anything."""
+LITTLE: Final = 1e-3
+"""What such a point is worth, so that it is kept if nothing else is left."""
 SCARCE: Final = 1 / 3
 _HALVINGS: Final = 60
 Ints = npt.NDArray[np.int64]
@@ -40,7 +47,8 @@ def greedy(points: MapPoints, count: int, seed: int) -> Selection:
     facing = _facing(points)
     group, direction = _groups(points, facing)
     hits = points.columns["count"].astype(np.int64)
-    weights = np.bincount(group, np.minimum(hits, MOST_COUNT)).astype(np.float64)
+    worth = np.maximum(np.minimum(hits, MOST_COUNT) - SELDOM, LITTLE)
+    weights = np.bincount(group, worth).astype(np.float64)
     totals = np.bincount(direction, weights, DIRECTIONS)
     weights *= (weights.sum() / np.maximum(totals[direction], 1e-9)) ** SCARCE
     size = np.bincount(group)
