@@ -108,9 +108,9 @@ def test_a_model_may_have_any_number_of_lasers() -> None:
     for form in (db_xml, ros_yaml):
         files = {number: form.text(table).encode() for number, table in tables.items()}
         assert np.array_equal(form.parse(files[24], 24).table, tables[24].table)
-        with pytest.raises(CalibrationError, match=r"it has 24 lasers, like another sensor: a VLP-16 .* has 16"):
+        with pytest.raises(CalibrationError, match=r"it has 24 lasers, as another sensor has, but a VLP-16 .* has 16"):
             form.parse(files[24], 16)
-        with pytest.raises(CalibrationError, match=r"it has 16 lasers, like a VLP-16 .*: this model has 24"):
+        with pytest.raises(CalibrationError, match=r"it has 16 lasers, as a VLP-16 .* has, but this model has 24"):
             form.parse(files[16], 24)
     enabled = re.compile(r"(?<=<enabled_>).*?(?=</enabled_>)", re.DOTALL)
     places = enabled.sub("<item>1</item>" * 24 + "<item>0</item>" * 40, db_xml.text(tables[64]))

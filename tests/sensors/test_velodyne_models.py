@@ -152,8 +152,8 @@ def test_both_forms_of_a_file_give_the_calibration_back(name: str) -> None:
 def test_files_of_other_sensors_are_refused(data_file) -> None:
     folder = "sensors/calibration"
     for name, file, message in (
-        ("vlp16", f"{folder}/HDL32.yaml", "it has 32 lasers, like an HDL-32E or VLP-32: a VLP-16 .* has 16"),
-        ("vls128", f"{folder}/VLP16.yaml", "it has 16 lasers, like a VLP-16 or Puck Hi-Res: a VLS-128 has 128"),
+        ("vlp16", f"{folder}/HDL32.yaml", "it has 32 lasers, as an HDL-32E or VLP-32 has, but a VLP-16 .* has 16"),
+        ("vls128", f"{folder}/VLP16.yaml", "it has 16 lasers, as a VLP-16 or Puck Hi-Res has, but a VLS-128 has 128"),
         ("hdl32e", "vlp16_db.xml", "16 lasers are enabled, as in a VLP-16 or Puck Hi-Res: an HDL-32E or VLP-32 has 32"),
         ("vlp32c", "hdl64e_s3_atwall_db.xml", "it has 64 lasers, like an HDL-64E: an HDL-32E or VLP-32 has 32"),
     ):

@@ -153,7 +153,7 @@ def test_after_any_cut_it_goes_on_and_nothing_is_fetched_twice(
     received, cuts = 0, 0
     while True:
         one = fetching(tmp_path, near)
-        limit = vehicle.asked.total() + 4
+        limit = vehicle.asked.total() + 3
 
         def cut(asked: Counter[str], one: Fetch = one, limit: int = limit) -> None:
             if asked.total() == limit:
