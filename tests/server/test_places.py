@@ -31,7 +31,7 @@ def test_a_vehicle_of_300_sensors_takes_its_own_places_only(caplog):
         taken = [fleet.changed(keys, alive=True) for keys in of("big", 300)]
     assert taken.count(True) == 16
     assert fleet.left_out() == (284, {"big": 284})
-    assert "big/s16 is left out: its vehicle already has 16 sensors, which is the limit (--max-sensors)" in caplog.text
+    assert "big/s16 is not shown: its vehicle already has 16 sensors, which is the limit (--max-sensors)" in caplog.text
     assert all(fleet.changed(keys, alive=True) for keys in of("car-7", 3))
 
 
