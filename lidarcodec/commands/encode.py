@@ -132,6 +132,8 @@ def _tell(kept: Path, coded: CodedRecording, as_json: bool) -> None:
         output=str(kept), form="recording", files=1, beside=[], frames=coded.frames, packets=coded.packets,
         points=None, positions=coded.positions, bytes=size, coded_bytes=coded.coded, packet_bytes=coded.payload_bytes,
         ratio=coded.payload_bytes / max(coded.coded, 1), left_out=coded.left_out,
+        returns_percent=coded.losses.kept_percent, largest_error_m=coded.losses.largest_error_m,
+        intensity_rms=coded.losses.intensity_rms,
     )  # fmt: skip
     if coded.refinement_bytes:
         found["refinement_bytes"] = coded.refinement_bytes
@@ -139,15 +141,19 @@ def _tell(kept: Path, coded: CodedRecording, as_json: bool) -> None:
 
 
 def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:
-    """The error text if a recording exceeds its target bitrate; None otherwise."""
+    """The error text if a recording exceeds its target bitrate, or keeps it only by frames that were left out because
+    of what was set; None otherwise."""
     if not isinstance(settings.target_kbps, int | float) or not coded.seconds:
         return None
-    kbps = coded.coded * 8 / coded.seconds / 1e3
-    if kbps <= settings.target_kbps * (1.0 + TOLERANCE):
+    kbps, names = coded.coded * 8 / coded.seconds / 1e3, pinned(settings)
+    if kbps <= settings.target_kbps * (1.0 + TOLERANCE) and not (names and coded.left_out):
         return None
-    names = pinned(settings)
+    needed, without = kbps, ""
+    if coded.left_out:
+        needed *= coded.frames / max(coded.frames - coded.left_out, 1)
+        without = f"{coded.left_out} of {coded.frames} frames were left out, and "
     set_here = f"you have set {', '.join(names)}; " if names else ""
     return (
-        f"the target of {settings.target_kbps:g} kbit/s was missed: {kbps:.0f} kbit/s are needed ({set_here}choose "
-        "a higher target, or fewer settings); with --allow-missed the exit code is 0"
+        f"the target of {settings.target_kbps:g} kbit/s was missed: {without}about {needed:.0f} kbit/s are needed "
+        f"for all frames ({set_here}choose a higher target, or fewer settings); with --allow-missed the exit code is 0"
     )

@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 PLAN = "plan.json"
 BEFORE_NOW: Final = re.compile(r"-[0-9]{1,6}([.][0-9]{1,3})?", re.ASCII)
 """Seconds before now: `-30`."""
+ABSENT_S: Final = 3.0
+"""Without an answer for so long, it is said that nobody answers."""
 
 
 def run(
@@ -63,7 +65,7 @@ def run(
     with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
         fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
         try:
-            attended(fetch.run, fetch.cancel, stop, lambda: _progress(fetch.state()))
+            attended(fetch.run, fetch.cancel, stop, _Progress(fetch, key, patience_s))
         except CancelledError:
             raise StoppedError from None
     plan = fetch.plan
@@ -90,7 +92,11 @@ def absolute(text: str, now_ns: int) -> str:
 
     >>> absolute("-30", 1_764_158_430 * 10**9), absolute("2026-11-26T12:00:00Z", 0)
     ('2025-11-26T12:00:00.000Z', '2026-11-26T12:00:00Z')
+
+    Raises SettingsError for seconds without their minus.
     """
+    if BEFORE_NOW.fullmatch(f"-{text}"):
+        raise SettingsError(f"'{text}' is not a time: write -{text} for {text} s before now")
     if text != "now" and not BEFORE_NOW.fullmatch(text):
         return text
     return rfc_3339(now_ns - (0 if text == "now" else int(-float(text) * 1e9)))
@@ -100,12 +106,28 @@ def _plan_name(clip: Clip) -> str:
     return f"{clip.keys.vehicle}_{clip.keys.sensor}_{clip.from_ns}_{clip.to_ns}.{PLAN}"
 
 
-def _progress(state: dict[str, Any]) -> str:
-    if state["waiting"]:
-        return f"waits {state['waiting']}"
-    if not state["listed"]:
-        return "asks what is there"
-    return f"{state['bytes_done'] / 1e6:.1f} of {state['bytes'] / 1e6:.1f} MB"
+class _Progress:
+    """How far a fetch is. It warns once if nobody has answered for `ABSENT_S`."""
+
+    def __init__(self, fetch: Fetch, key: str, patience_s: float) -> None:
+        self._fetch, self._key, self._patience_s = fetch, key, patience_s
+        self._since_s: float | None = time.monotonic()
+
+    def __call__(self) -> str:
+        state = self._fetch.state()
+        if state["listed"] or state["pieces"]:
+            self._since_s = None
+        if self._since_s is not None and time.monotonic() - self._since_s > ABSENT_S:
+            self._since_s = None
+            log.warning(
+                "nobody has answered for %s yet; waiting for up to %g s. Check the name and --connect, and whether the "
+                "vehicle publishes with --keep", self._key, self._patience_s,
+            )  # fmt: skip
+        if state["waiting"]:
+            return f"waits {state['waiting']}"
+        if not state["listed"]:
+            return "asks what is there"
+        return f"{state['bytes_done'] / 1e6:.1f} of {state['bytes'] / 1e6:.1f} MB"
 
 
 def _line(about: dict[str, Any]) -> str:

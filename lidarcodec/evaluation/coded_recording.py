@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import IO, Final, NamedTuple
 
+from lidarcodec.evaluation.losses import Losses
 from lidarcodec.evaluation.round_trip import RoundTrip, check_refined
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import payload_bytes
@@ -67,7 +68,8 @@ class CodedRecording:
         """compared: called with each frame that was encoded, and as it was decoded again"""
         self._encoder, self.clouds = encoder, clouds
         self._writer = RecordingWriter(handle, vehicle, sensor, encoder.settings, about, clouds=clouds)
-        self._check = RoundTrip(encoder.settings, compared=compared)
+        self.losses, self._compared = Losses(), compared
+        self._check = RoundTrip(encoder.settings, compared=self._pair)
         self.frames = self.packets = self.positions = self.coded = self.left_out = 0
         self.payload_bytes = self.refinement_bytes = 0
         self._base: tuple[Message, list[Frame]]
@@ -80,6 +82,7 @@ class CodedRecording:
         if self._encoder.left_out:
             self.left_out += 1
         else:
+            self.losses.given += frame.points
             self._check.sent(self._encoder.reduced or frame)
         self._put(messages)
         if self._encoder.refinable is not None and not self._encoder.left_out:
@@ -111,7 +114,12 @@ class CodedRecording:
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes{ratio}"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
         positions = f"{counted(self.positions, 'position packet')}, " * bool(self.positions)
-        return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}, all decoded again and compared"
+        compared = f", all decoded again and compared{self.losses.text()}"
+        return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}{compared}"
+
+    def _pair(self, sent: Frame, decoded: Frame) -> None:
+        self.losses.compare(sent, decoded)
+        self._compared(sent, decoded)
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:

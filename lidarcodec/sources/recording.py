@@ -13,6 +13,7 @@ from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError,
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.layers import RefinedFrame
+from lidarcodec.message import SectionType
 from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
@@ -27,6 +28,8 @@ from lidarcodec.sources.table_search import SEARCHED_PACKETS
 
 Channel = Literal["packets", "messages"]
 CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
+THINNED: Final = (SectionType.KEEP, SectionType.LATTICE)
+"""Sections of a message that has not all returns of its frame."""
 
 
 class RecordingSource(PacketSource):
@@ -35,7 +38,7 @@ class RecordingSource(PacketSource):
     channel: "packets" or "messages", which of the two is read
     Counts: `truncated` (1 if the file was cut), `damaged`, `position packets`, `undecoded messages`, `missing
     references`, `frames without packets` (not made from packets), `not refined` (frames of two layers that are not
-    refined whole).
+    refined whole), `thinned frames` (of which not all returns were sent).
     """
 
     def __init__(
@@ -135,6 +138,8 @@ class RecordingSource(PacketSource):
             messages = reader.messages(start_ns, topic=self._topic)
             for message, frames in decoded(reader, messages, decoder.decode, fail, refined.append):
                 if frames:
+                    if any(section.type in THINNED for section in message.sections):
+                        counts["thinned frames"] += len(frames)
                     layers.add(reader, message, refined.pop() if refined else None)
                     if left := layers.unrefined:
                         counts["not refined"] = left

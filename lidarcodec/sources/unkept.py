@@ -37,6 +37,7 @@ CAUSES: Final[dict[str, str]] = {
     "undecoded messages": "messages that could not be decoded",
     "missing references": "messages whose reference is missing",
     "not refined": "frames of two layers that are not refined whole",
+    "thinned frames": "frames of which not all returns were sent",
     "frames without packets": "frames that were not made from packets",
     "packets of no interface": "packets of an interface that the capture does not describe",
     "points in one cell": "points behind a nearer one of the same firing",

@@ -172,3 +172,45 @@ def test_encode_keeps_nothing_that_does_not_decode(command, codec, spoilt, told,
 
 
 compress = pcodec.compress_groups
+
+
+def test_what_a_lossy_recording_lost_is_said_where_it_is_written(tmp_path, capsys, caplog):
+    """A user who deletes the original would have to ask for it first."""
+    assert run(["encode", "sim:road?frames=2", str(tmp_path / "all.mcap")]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("all decoded again and compared")
+    words = (
+        "--codec",
+        "predictive",
+        "--set",
+        "max_error_m=0.05",
+        "--set",
+        "intensity=off",
+        "--set",
+        "reduction=columns:4",
+    )
+    assert run(["encode", "sim:road?frames=2", str(tmp_path / "few.mcap"), *words]) == 0
+    said = capsys.readouterr().out
+    assert "compared, 25." in said
+    assert "% of the returns kept, ranges off by at most 0.05 m, intensities left out" in said
+    assert run(["convert", str(tmp_path / "few.mcap"), str(tmp_path / "few.pcap")]) == 0
+    assert "2 frames of which not all returns were sent" in caplog.text
+
+
+def test_a_target_that_is_kept_by_leaving_out_frames_is_missed_if_settings_are_in_the_way(tmp_path, capsys):
+    """The advice of the first error led to a file without nine of twelve frames, and exit code 0."""
+    words = (
+        "--set",
+        "max_error_m=0.01",
+        "--set",
+        "intensity=lossless",
+        "--set",
+        "reduction=all",
+        "--set",
+        "target_kbps=2500",
+    )
+    out = tmp_path / "missed.mcap"
+    assert run(["encode", "sim:city?frames=8", str(out), *words]) == 1
+    said = capsys.readouterr().err
+    assert "frames were left out, and about" in said
+    assert "for all frames" in said
+    assert run(["encode", "sim:city?frames=8", str(out), "--force", "--allow-missed", *words]) == 0

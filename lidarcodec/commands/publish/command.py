@@ -137,22 +137,22 @@ def run(
         )
         health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
         stream = f"{publisher.keys.vehicle}/{publisher.keys.sensor}"
-        say_begun([stream], endpoints, waits=frames_a_second == "max" and not source.live)
         with stoppable(publisher.interrupt), health, told_ready(f"publishing {stream}", publisher.status):
+            say_begun([stream], endpoints, waits=frames_a_second == "max" and not source.live)
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
     tell_of([publisher.status()], as_json)
 
 
 def say_begun(streams: Iterable[str], endpoints: Endpoints, *, waits: bool = False) -> None:
-    """Say on a terminal what is published, because nothing else is printed until the end.
+    """Say what is published, because nothing else is printed until the end.
 
     waits: nothing is sent before there is a receiver
     """
-    if sys.stderr.isatty():
-        reach = " on this machine only (--connect or --listen sends it elsewhere)" if endpoints.local else ""
-        begins = "; begins when there is a receiver" * waits
-        sys.stderr.write(f"publishing {', '.join(streams)}{reach}{begins}; Ctrl-C stops\n")
+    reach = " on this machine only (--connect or --listen sends it elsewhere)" if endpoints.local else ""
+    begins = "; begins when there is a receiver" * waits
+    stops = "; Ctrl-C stops" * sys.stderr.isatty()
+    sys.stderr.write(f"publishing {', '.join(streams)}{reach}{begins}{stops}\n")
 
 
 def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:
@@ -194,4 +194,6 @@ def too_much(status: dict[str, Any]) -> str:
     """What to do where most frames were replaced by newer ones; an empty text where few were."""
     if status["frames"] == 0 or status["replaced"] <= status["frames"]:
         return ""
+    if status["settings"]["target_kbps"] is not None:
+        return "; the link, or this processor, carries less than that: choose a lower target_kbps, or a quicker codec"
     return "; the link, or this processor, carries less than the sensor sends: --link 1mbit sends less"

@@ -23,6 +23,11 @@ class Converted(TypedDict):
     packet_bytes: NotRequired[Annotated[int, "of a recording: bytes of the packets that the messages hold"]]
     ratio: NotRequired[Annotated[float, "of a recording: packet bytes divided by coded bytes"]]
     left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
+    returns_percent: NotRequired[Annotated[float, "of a recording: returns of its frames that come back, in percent"]]
+    largest_error_m: NotRequired[Annotated[float, "of a recording: largest error of a range, in metres"]]
+    intensity_rms: NotRequired[
+        Annotated[float, "of a recording: root mean square error of the intensities, in units of the sensor"]
+    ]
     refinement_bytes: NotRequired[Annotated[int, "of a recording of two layers: bytes of its refinements"]]
     second_returns_left_out: NotRequired[
         Annotated[int, "second returns of the frames, which formats of points do not hold; left out if there are none"]

@@ -17,7 +17,7 @@ def attended(
 ) -> None:
     """Do the work in a thread. Raises what it raises.
 
-    cancel: makes it end soon, called when `stop` is set;  line: how far it is, shown on a terminal
+    cancel: makes it end soon, called when `stop` is set;  line: how far it is, asked often, shown on a terminal
     """
     failed: list[Exception] = []
 
@@ -34,8 +34,9 @@ def attended(
         thread.join(TICK_S)
         if stop.is_set():
             cancel()
+        now = line()
         if show:
-            sys.stderr.write(f"\r{line()}\x1b[K")
+            sys.stderr.write(f"\r{now}\x1b[K")
     if show:
         sys.stderr.write("\r\x1b[K")
     if failed:

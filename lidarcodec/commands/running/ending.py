@@ -21,7 +21,11 @@ EXIT_CODES: Final[tuple[tuple[str, str], ...]] = (
     ("1", "the command failed"),
     ("1", "`verify`: a promise is broken, or the recording covers less than its source"),
     ("1", "`health` and `doctor`: something does not work"),
-    ("1", "`encode` and `convert`: a target bitrate was missed, without `--allow-missed`"),
+    (
+        "1",
+        "`encode` and `convert`: a target bitrate was missed, or kept only by leaving out frames because of settings "
+        "that you gave, without `--allow-missed`",
+    ),
     (
         "1",
         "`publish` and `subscribe`, however they ended: a recording (`--record`) stopped before the stream did, the "

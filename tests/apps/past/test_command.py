@@ -12,6 +12,8 @@ from lidarcodec import open_source
 from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.cli import run
+from lidarcodec.commands import fetch
 from lidarcodec.errors import SourceError
 from lidarcodec.recording import RecordingReader
 from lidarcodec.settings import StreamSettings
@@ -76,12 +78,23 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
         (("--to", "2026-11-26T14:00:00Z"), "at most 3600 s"),
         (("--to", "2226-11-26T14:00:00Z"), "ten minutes after now"),
         (("--to", "2026-11-26T12:01:00Z", "--quality", "base"), "exact packets only"),
+        (("--to", "10"), "write -10 for 10 s before now"),
     ],
 )
 def test_what_cannot_be_fetched_is_refused_at_once(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
     done = run_here("fetch", "car-7/roof", "--from", "2026-11-26T12:00:00Z", *words, "-o", tmp_path / "clip.mcap")
     assert done.returncode == 2
     assert told in the_one_line(done)
+
+
+def test_nobody_there_is_said_while_it_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Patience is ten minutes long, and a wrong name looks like a slow vehicle."""
+    monkeypatch.setattr(fetch, "ABSENT_S", 0.05)
+    words = ["fetch", "car-9/roof", "--from", "-10", "--to", "now", "-o", str(tmp_path / "clip.mcap")]
+    assert run([*words, "--patience", "1", "--listen", f"tcp/127.0.0.1:{free_port()}"]) == 1
+    assert "nobody has answered for car-9/roof yet" in caplog.text
 
 
 def test_a_vehicle_whose_sensor_has_failed_still_gives_what_it_kept(tmp_path: Path) -> None:
