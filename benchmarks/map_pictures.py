@@ -48,6 +48,21 @@ def choices(rows: list[list[str]], error: int, lost: int) -> Iterator[list[str]]
             yield [f"{drive} {share} %", methods["random"][3], cell(whole, error, lost), *cells]
 
 
+def totals(rows: list[list[str]]) -> Iterator[list[str]]:
+    """A row for each method that was measured everywhere: how many scans it lost in all, beside the whole map, and in
+    how many cases it lost no more than that, and had at most 1.5 times its error."""
+    found = by_map(rows)
+    cases = [(found[drive, "100"]["whole"], methods) for (drive, share), methods in found.items() if share != "100"]
+    lost = [int(whole[7].split()[0]) for whole, _ in cases]
+    for by in METHODS:
+        if not all(by in methods for _, methods in cases):
+            continue
+        own = [int(methods[by][7].split()[0]) for _, methods in cases]
+        near = [float(methods[by][5].split()[0]) <= 1.5 * float(whole[5].split()[0]) for whole, methods in cases]
+        kept = sum(one <= whole for one, whole in zip(own, lost, strict=True))
+        yield [by, f"{sum(own)} ({sum(lost)})", f"{kept} of {len(cases)}", f"{sum(near)} of {len(cases)}"]
+
+
 def gaps(rows: list[list[str]]) -> list[list[str]]:
     """A row for each drive: the gap at each share."""
     found: dict[str, list[str]] = {}
@@ -100,6 +115,9 @@ def main() -> None:
         head = measured.fields | {"title": f"Error in millimetres by choice of points, {scans}"}
         columns = ["map", "MB/km", "whole map", *METHODS]
         results.write(f"maps/{name}", results.Result(head, columns, list(choices(measured.rows, error, lost))))
+    columns = ["choice", "lost (whole map)", "no more lost than the whole map", "error within 1.5 times"]
+    head = measured.fields | {"title": "Choices of points over all drives and shares, whole scans"}
+    results.write("maps/totals", results.Result(head, columns, list(totals(measured.rows))))
     shares = list(dict.fromkeys(row[0].split()[1] for row in programme.rows))
     columns = ["drive", *(f"{share} %" for share in shares)]
     results.write("maps/gaps", results.Result(programme.fields, columns, gaps(programme.rows)))
