@@ -259,7 +259,7 @@ def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ende
     assert found == [packet.payload for packet in packets] * 2
 
 
-def test_a_terminal_is_told_what_is_published_and_whether_it_leaves_this_machine(monkeypatch):
+def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):
             return True
@@ -271,12 +271,11 @@ def test_a_terminal_is_told_what_is_published_and_whether_it_leaves_this_machine
             "publishing car-7/roof on this machine only (--connect or --listen sends it elsewhere)",
         ),
         (Terminal(), Endpoints(connect=("tcp/127.0.0.1:7447",)), "publishing car-7/roof; Ctrl-C stops\n"),
-        (io.StringIO(), Endpoints(), ""),
+        (io.StringIO(), Endpoints(connect=("tcp/127.0.0.1:7447",)), "publishing car-7/roof\n"),
     ):
         monkeypatch.setattr("sys.stderr", stream)
         say_begun(["car-7/roof"], endpoints)
         assert stream.getvalue().startswith(told)
-        assert bool(stream.getvalue()) == bool(told)
     monkeypatch.setattr("sys.stderr", stream := Terminal())
     say_begun(["car-7/roof"], Endpoints(connect=("tcp/127.0.0.1:7447",)), waits=True)
     assert "begins when there is a receiver" in stream.getvalue()
