@@ -94,7 +94,8 @@ def type_text(kind: Any) -> str:
     if origin is Literal:
         return " or ".join(f"`{json.dumps(one)}`" for one in inner)
     if origin is list:
-        return f"list of {type_text(inner[0])}s" if inner[0] is not Any else "list"
+        text = type_text(inner[0])
+        return f"list of {text if text.endswith('s') else text + 's'}" if inner[0] is not Any else "list"
     if origin is dict:
         return "object" if inner[1] is Any else f"object of {type_text(inner[1])}s"
     return " or ".join(dict.fromkeys(map(type_text, inner)))
