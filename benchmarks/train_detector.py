@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.scenes import DATA
-from lidarcodec.evaluation.detection.detector.network import packed
+from lidarcodec.evaluation.detection.detector.network import LAYERS
 from lidarcodec.evaluation.detection.labels import read_labels
 from lidarcodec.training.detector_data import Example, examples_of
 from lidarcodec.training.runs import load_checkpoint
 from lidarcodec.training.train_detector import DetectorRun, train_detector
+from lidarcodec.untrusted.network_weights import packed
 
 SCENES: Final = {"city": 150, "street": 15, "road": 15, "motorway": 15, "bend": 15}
 """Drives of each scene: seeds from FIRST_SEED on."""
@@ -94,7 +95,7 @@ def main() -> None:
         "steps": state.step if state else 0,
         "seconds": round(state.seconds) if state else 0,
     }
-    asked.weights.write_bytes(packed(net.folded(), about))
+    asked.weights.write_bytes(packed(net.folded(), about, LAYERS))
 
 
 if __name__ == "__main__":

@@ -53,4 +53,6 @@ def positions_text(out: Path, count: int) -> str:
     if not count:
         return ""
     kept = out.suffix.lower() == HOLDS_POSITIONS
-    return f", {count} position packets" + ("" if kept else f" left out (only {HOLDS_POSITIONS} holds them)")
+    return f", {count} position packets" + (
+        "" if kept else f" left out (only {HOLDS_POSITIONS} and recordings hold them)"
+    )

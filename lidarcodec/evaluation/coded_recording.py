@@ -118,7 +118,8 @@ class CodedRecording:
         return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}{compared}"
 
     def _pair(self, sent: Frame, decoded: Frame) -> None:
-        self.losses.compare(sent, decoded)
+        if self._encoder.refinable is None:  # else the refined frame is compared
+            self.losses.compare(sent, decoded)
         self._compared(sent, decoded)
 
     def _put(self, messages: list[Message]) -> None:
@@ -143,6 +144,7 @@ class CodedRecording:
             self.coded += len(data)
         frame = refined.frame()
         check_refined(frame, refinable)
+        self.losses.compare(refinable.frame, frame)
         self._show([frame])
 
     def _show(self, frames: list[Frame]) -> None:

@@ -5,7 +5,6 @@ The views of a step depend on its number (`runs.step_rng`), so a resumed run equ
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,19 +21,11 @@ from lidarcodec.training.detector_batches import Batch, Examples
 from lidarcodec.training.detector_data import Example
 from lidarcodec.training.identity import digest_of
 from lidarcodec.training.nets.detector_net import DetectorNet
-from lidarcodec.training.runs import (
-    Checkpoint,
-    choose_device,
-    load_checkpoint,
-    rate_at,
-    save_checkpoint,
-    seed_torch,
-    set_rate,
-    step_rng,
-)
+from lidarcodec.training.runs import choose_device, seed_torch, step_rng
+from lidarcodec.training.steps import train
 
 BOX_WEIGHT: Final = 1.0
-SAVE_SECONDS: Final = 60.0
+LONGEST_GRADIENT: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -67,50 +58,17 @@ def train_detector(
     target = choose_device(device)
     seed_torch(run.seed)
     net: DetectorNet = DetectorNet().to(target)
-    optimiser = torch.optim.AdamW(net.parameters(), run.rate, weight_decay=1e-3)
     settings = asdict(run) | {"examples": digest_of(part for one in examples for part in one[:4])}
-    state = load_checkpoint(out, target)
-    if state is None:
-        state = Checkpoint(0, settings, {}, {})
-        if begin is not None:
-            net.load_state_dict(_begun(begin, target).model)
-    state.require(settings)
-    if state.step:
-        net.load_state_dict(state.model)
-        optimiser.load_state_dict(state.optimiser)
-    began = saved = time.monotonic()
-    before, losses = state.seconds, list[float]()
     given = Examples(examples, target)
-    net.train()
-    for step in range(state.step, run.steps):
-        set_rate(optimiser, rate_at(step, run.steps, peak=run.rate, warm_up=50))
+
+    def loss_of(step: int) -> Tensor:
         rng = step_rng(run.seed, step)
-        loss = _loss(net, given.batch(rng.integers(len(given), size=run.batch), rng))
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 10.0)
-        optimiser.step()
-        losses.append(float(loss.detach()))
-        tick(step, losses[-1])
-        state.step, now = step + 1, time.monotonic()
-        state.seconds = before + now - began
-        late = seconds is not None and now - began > seconds
-        if now - saved > SAVE_SECONDS or state.step == run.steps or late:
-            state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
-            state.log.append({"step": state.step, "loss": round(float(np.mean(losses)), 5)})
-            save_checkpoint(out, state)
-            saved, losses = now, []
-            if late:
-                break
-    net.eval()
+        return _loss(net, given.batch(rng.integers(len(given), size=run.batch), rng))
+
+    train(
+        net, loss_of, out, run, settings, target, tick, seconds, begin=begin, longest_gradient=LONGEST_GRADIENT
+    )  # fmt: skip
     return net
-
-
-def _begun(path: Path, device: torch.device) -> Checkpoint:
-    state = load_checkpoint(path, device)
-    if state is None or not state.step:
-        raise SourceError(f"there is no checkpoint {path} to begin with")
-    return state
 
 
 def _loss(net: DetectorNet, batch: Batch) -> Tensor:

@@ -5,7 +5,6 @@ The random crops of a step depend on its number (`runs.step_rng`), so a resumed 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,21 +19,12 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.reduction.score_image import score_image
 from lidarcodec.training.identity import digest_of
 from lidarcodec.training.nets.score_net import GROUND, HIGH, LOW, RANK, SELDOM, ScoreNet, in_place
-from lidarcodec.training.runs import (
-    Checkpoint,
-    choose_device,
-    load_checkpoint,
-    rate_at,
-    save_checkpoint,
-    seed_torch,
-    set_rate,
-    step_rng,
-)
+from lidarcodec.training.runs import choose_device, seed_torch, step_rng
 from lidarcodec.training.score_data import Example, crop, example_of, labelled, seldom_of
 from lidarcodec.training.score_metrics import Agreement
+from lidarcodec.training.steps import train
 
 CLASS_WEIGHTS: Final = (1.0, 2.0, 0.7)
-SAVE_SECONDS: Final = 60.0
 
 
 @dataclass(frozen=True)
@@ -75,34 +65,12 @@ def train_scores(
     target = choose_device(device)
     seed_torch(run.seed)
     net: ScoreNet = ScoreNet().to(target)
-    optimiser = torch.optim.AdamW(net.parameters(), run.rate, weight_decay=1e-3)
     settings = asdict(run) | {"examples": digest_of(part for example in examples for part in example)}
-    state = load_checkpoint(out, target) or Checkpoint(0, settings, {}, {})
-    state.require(settings)
-    if state.step:
-        net.load_state_dict(state.model)
-        optimiser.load_state_dict(state.optimiser)
-    began = saved = time.monotonic()
-    before, losses = state.seconds, []
-    net.train()
-    for step in range(state.step, run.steps):
-        set_rate(optimiser, rate_at(step, run.steps, peak=run.rate, warm_up=50))
-        loss = _loss(net, _batch(examples, run, step, target), run)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(float(loss.detach()))
-        tick(step, losses[-1])
-        state.step, now = step + 1, time.monotonic()
-        state.seconds = before + now - began
-        if now - saved > SAVE_SECONDS or state.step == run.steps or (seconds is not None and now - began > seconds):
-            state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
-            state.log.append({"step": state.step, "loss": round(float(np.mean(losses)), 5)})
-            save_checkpoint(out, state)
-            saved, losses = now, []
-            if seconds is not None and now - began > seconds:
-                break
-    net.eval()
+
+    def loss_of(step: int) -> Tensor:
+        return _loss(net, _batch(examples, run, step, target), run)
+
+    train(net, loss_of, out, run, settings, target, tick, seconds)
     return net
 
 

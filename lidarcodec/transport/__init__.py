@@ -33,7 +33,7 @@ def party_of(endpoints: Endpoints | None) -> Party | None:
     """
     if endpoints is None or endpoints.config is None:
         return None
-    from lidarcodec.transport.zenoh import options_in
+    from lidarcodec.transport.zenoh_opening import options_in
 
     about = options_in(endpoints.config)("metadata")
     ours = about.get("lidarcodec") if isinstance(about, dict) else None
@@ -49,6 +49,6 @@ def certificates_of(endpoints: Endpoints | None) -> Certificates | None:
     """
     if endpoints is None or endpoints.config is None:
         return None
-    from lidarcodec.transport.zenoh import options_in
+    from lidarcodec.transport.zenoh_opening import options_in
 
     return certificates_in(options_in(endpoints.config))

@@ -1,4 +1,4 @@
-"""The network: a Zenoh session behind the transport contract. The only file that imports zenoh.
+"""The network: a Zenoh session behind the transport contract. Only this file and zenoh_opening.py import zenoh.
 
 What is done here was measured with Zenoh 1.x: frames come through a ring of one in a thread of the caller's
 own, because callbacks queue 256 of them silently; they leave with BLOCK_FIRST, which never blocks and never lets one
@@ -10,17 +10,14 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from itertools import islice
-from pathlib import Path
 from typing import Any, Self
 
 import zenoh
 
-from lidarcodec.errors import TransportError, is_panic
+from lidarcodec.errors import TransportError
 from lidarcodec.gate.gate import Gate
 from lidarcodec.transport.base import (
     MAX_ANSWERS,
@@ -36,12 +33,21 @@ from lidarcodec.transport.base import (
     Sender,
 )
 from lidarcodec.transport.certificates import CertificateWatch, certificates_in
-from lidarcodec.transport.config_file import check_config_file
 from lidarcodec.transport.endpoints import Endpoints
 from lidarcodec.transport.gated import put_behind
 from lidarcodec.transport.keys import check_key
 from lidarcodec.transport.late_threads import CLOSING, let_late_threads_end_at_exit
 from lidarcodec.transport.meeting_point import MeetingPoint
+from lidarcodec.transport.zenoh_opening import (
+    UNREACHABLE,
+    config_of,
+    open_at_last,
+    open_session,
+    option_of,
+    read_config,
+    reason_of,
+    telling,
+)
 from lidarcodec.wire import MAX_MESSAGE
 
 logger = logging.getLogger(__name__)
@@ -55,9 +61,6 @@ is raised here, once per attempt, and tell of queries that nobody answered in ti
 still. The errors left out came where one of two sessions closed, as it seems of messages that were still on their way.
 RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
-RETRY_S = 0.5
-UNREACHABLE = "Unable to connect"
-"""First words of Zenoh if nobody listens, or if the listener refuses us. It does not say which."""
 
 _QOS: dict[Priority, dict[str, Any]] = {
     Priority.REAL_TIME: {
@@ -75,39 +78,6 @@ _QOS: dict[Priority, dict[str, Any]] = {
 }
 
 
-def _reason(error: BaseException) -> str:
-    """What Zenoh says, without where in its source, and without the whole configuration: that may hold a password."""
-    said = re.sub(r" at /\S+", "", str(error)).strip()
-    return said.partition('{"')[0].rstrip(": ")
-
-
-@contextmanager
-def _telling(what: str) -> Iterator[None]:
-    """Errors of Zenoh as TransportError, and its panics, and threads that the machine does not give.
-
-    A panic arrives as a PanicException, which is no Exception: what catches these would take it for a good end.
-    """
-    try:
-        yield
-    except (zenoh.ZError, RuntimeError) as error:
-        raise TransportError(f"{what}: {_reason(error)}") from None
-    except BaseException as error:
-        if not is_panic(error):
-            raise
-        raise TransportError(f"{what}: the network library failed: {_reason(error)}") from None
-
-
-def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zenoh.Config:
-    """Raises TransportError when Zenoh refuses a value."""
-    config = zenoh.Config() if base is None else base
-    try:
-        for path, value in options.items():
-            config.insert_json5(path, json.dumps(value))
-    except zenoh.ZError as error:
-        raise TransportError(f"Zenoh does not accept {path} = {value!r}: {_reason(error)}") from None
-    return config
-
-
 def _within_limit(close: Callable[[], object], what: str) -> None:
     """Give something back in at most CLOSE_LIMIT_S; an exit must never hang on a network."""
 
@@ -115,7 +85,7 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
         try:
             close()
         except (zenoh.ZError, RuntimeError) as error:  # borrowed by a put: the session ends it
-            logger.debug("closing %s: %s", what, _reason(error))
+            logger.debug("closing %s: %s", what, reason_of(error))
 
     thread = threading.Thread(target=run, name=f"{CLOSING} {what}", daemon=True)
     try:
@@ -159,7 +129,7 @@ class _Sender(_Declared):
 
     def put(self, data: bytes, attachment: bytes | None = None) -> None:
         """Hand over the bytes; at most a few milliseconds. Raises TransportError when closed."""
-        with _telling(f"cannot send on {self._key}"):
+        with telling(f"cannot send on {self._key}"):
             self._publisher.put(data, attachment=attachment)
 
 
@@ -220,20 +190,22 @@ class ZenohTransport:
         """
         zenoh.init_log_from_env_or(LOG_FILTER)
         let_late_threads_end_at_exit()
-        base = None if endpoints.config is None else _read(endpoints.config)
-        config = _config_of(endpoints.options(), base)
+        base = None if endpoints.config is None else read_config(endpoints.config)
+        config = config_of(endpoints.options(), base)
         client = json.loads(config.get_json("mode")) == "client"
-        point = MeetingPoint(endpoints.loopback_port, lambda: _open(_config_of(endpoints.rendezvous_options())).close)
-        watch = CertificateWatch(certificates_in(_option_of(config)), str(endpoints.config))
+        point = MeetingPoint(
+            endpoints.loopback_port, lambda: open_session(config_of(endpoints.rendezvous_options())).close
+        )
+        watch = CertificateWatch(certificates_in(option_of(config)), str(endpoints.config))
         gate = None
         try:
-            gate, behind = put_behind(_option_of(config))
-            _config_of(behind, config)
-            with _telling("cannot open a Zenoh session"):
+            gate, behind = put_behind(option_of(config))
+            config_of(behind, config)
+            with telling("cannot open a Zenoh session"):
                 if endpoints.local:
                     point.start()
                 watch.start()  # first: with a certificate that has ended, no session may ever be opened
-            session = _open_at_last(config, stop, None if not client else "" if base is None else UNREACHABLE)
+            session = open_at_last(config, stop, None if not client else "" if base is None else UNREACHABLE)
         except TransportError:
             point.close()
             watch.close()
@@ -269,7 +241,7 @@ class ZenohTransport:
             def changed(status: zenoh.MatchingStatus) -> None:
                 self._guard.call(f"matching on {key}", told, bool(status.matching))
 
-            with _telling(f"cannot watch who receives {key}"):
+            with telling(f"cannot watch who receives {key}"):
                 entities.insert(1, publisher.declare_matching_listener(changed))
         sender = _Sender(key, entities, self._forget)
         self._remember(sender)
@@ -331,7 +303,7 @@ class ZenohTransport:
 
     def _answers(self, key: str, data: bytes, timeout_s: float, **options: Any) -> Iterator[bytes]:
         check_key(key)
-        with _telling(f"cannot ask {key}"):
+        with telling(f"cannot ask {key}"):
             replies = self._session.get(
                 key, payload=data, timeout=timeout_s, allowed_destination=zenoh.Locality.REMOTE, **options
             )
@@ -343,7 +315,7 @@ class ZenohTransport:
     def token(self, key: str) -> Closeable:
         """A liveliness token: others see it go within milliseconds of a kill, and 10 s after a link went dead."""
         check_key(key)
-        with _telling(f"cannot declare {key}"):
+        with telling(f"cannot declare {key}"):
             return self._keep(key, self._session.liveliness().declare_token(key))
 
     def watch(self, key: str, handler: AliveHandler) -> Closeable:
@@ -353,7 +325,7 @@ class ZenohTransport:
         def changed(sample: zenoh.Sample) -> None:
             self._guard.call(key, handler, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        with _telling(f"cannot watch {key}"):
+        with telling(f"cannot watch {key}"):
             return self._keep(key, self._session.liveliness().declare_subscriber(key, changed, history=True))
 
     def close(self) -> None:
@@ -382,7 +354,7 @@ class ZenohTransport:
 
     def _declare(self, key: str, method: str, *handler: Any, wild: bool = False, **options: Any) -> Any:
         check_key(key, wild=wild)
-        with _telling(f"cannot declare {key}"):
+        with telling(f"cannot declare {key}"):
             return getattr(self._session, method)(key, *handler, **options)
 
     def _keep(self, key: str, entity: Any) -> Closeable:
@@ -398,63 +370,3 @@ class ZenohTransport:
         with self._lock:
             if one in self._declared:
                 self._declared.remove(one)
-
-
-def _read(path: Path) -> zenoh.Config:
-    """Raises TransportError when the file is no Zenoh configuration."""
-    check_config_file(path)
-    try:
-        return zenoh.Config.from_file(path)
-    except zenoh.ZError as error:
-        raise TransportError(f"{path} is not a Zenoh configuration: {_reason(error)}") from None
-
-
-def options_in(path: Path) -> Callable[[str], Any]:
-    """Function that gives the value at a path of a configuration, such as `metadata`; None where there is none.
-
-    Raises TransportError when the file is no Zenoh configuration.
-    """
-    return _option_of(_read(path))
-
-
-def _option_of(config: zenoh.Config) -> Callable[[str], Any]:
-    return lambda path: json.loads(config.get_json(path) or "null")
-
-
-def _open_at_last(config: zenoh.Config, stop: threading.Event | None, waits_for: str | None) -> zenoh.Session:
-    """Open a session; try again until it can be, or `stop` is set, after errors that say `waits_for`.
-
-    Raises TransportError.
-    """
-    told = False
-    while True:
-        try:
-            return _open(config)
-        except TransportError as error:
-            if waits_for is None or waits_for not in str(error):
-                raise
-            if not told:
-                logger.warning("%s; trying again until it works", _plainly(str(error)))
-                told = True
-            if (stop or threading.Event()).wait(RETRY_S):
-                raise TransportError("stopped before the network could be reached") from None
-
-
-def _plainly(error: str) -> str:
-    """What an error of Zenoh about addresses that do not answer means; other errors as they are.
-
-    >>> _plainly("cannot open a Zenoh session: Unable to connect to any of [Single(tcp/10.0.0.7:7447)]. Timeout!")
-    'cannot connect to tcp/10.0.0.7:7447: nothing answers there, or it refuses this machine'
-    """
-    places = re.findall(r"Single\(([^()\s]{1,200})\)", error) if UNREACHABLE in error else []
-    told = f"cannot connect to {' or '.join(places)}: nothing answers there, or it refuses this machine"
-    return told if places else error
-
-
-def _open(config: zenoh.Config) -> zenoh.Session:
-    """Raises TransportError when the session cannot be opened."""
-    with _telling("cannot open a Zenoh session"):
-        return zenoh.open(config)
-
-
-__all__ = ["ZenohTransport", "options_in"]

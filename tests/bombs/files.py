@@ -28,7 +28,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.kitti.points import find_scans, read_points
 from lidarcodec.sources.poses import read_poses
 from lidarcodec.training.annotation_folder import AnnotationFolder
-from lidarcodec.transport.zenoh import options_in
+from lidarcodec.transport.zenoh_opening import options_in
 from lidarcodec.untrusted.npz import read_npy
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door.listening import check_tls

@@ -192,6 +192,9 @@ def test_what_a_lossy_recording_lost_is_said_where_it_is_written(tmp_path, capsy
     said = capsys.readouterr().out
     assert "compared, 25." in said
     assert "% of the returns kept, ranges off by at most 0.05 m, intensities left out" in said
+    two_layers = ["--codec", "predictive", "--set", "base_error_m=0.1", "--set", "max_error_m=0.02"]
+    assert run(["encode", "sim:road?frames=2", str(tmp_path / "layers.mcap"), *two_layers]) == 0
+    assert "compared, ranges off by at most 0.02 m" in capsys.readouterr().out  # not the error of the base
     assert run(["convert", str(tmp_path / "few.mcap"), str(tmp_path / "few.pcap")]) == 0
     assert "2 frames of which not all returns were sent" in caplog.text
 

@@ -11,9 +11,10 @@ import pytest
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps.compress import bare, compressed
 from lidarcodec.maps.file import write_map
-from lidarcodec.maps.select.point_net import LAYERS, Layer, packed, read_point_net
+from lidarcodec.maps.select.point_net import LAYERS, Layer, read_point_net
 from lidarcodec.maps.select.table import method
 from lidarcodec.maps.select.windows import SIZE, coordinates, halves, windows_of
+from lidarcodec.untrusted.network_weights import packed
 from tests.command_line import run_here, the_one_line
 from tests.maps.towns import street
 
@@ -34,7 +35,7 @@ def random_layers(seed=1):
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "points.npz"
-    path.write_bytes(packed(random_layers(), {"trained_on": "nothing", "licence": "Apache-2.0"}))
+    path.write_bytes(packed(random_layers(), {"trained_on": "nothing", "licence": "Apache-2.0"}, LAYERS))
     return path
 
 
@@ -75,7 +76,7 @@ def test_weights_that_are_damaged_or_none_are_refused_with_a_sentence(weights, t
     with pytest.raises(SourceError, match="cannot read the weights"):
         read_point_net(tmp_path / "none.npz", "none.npz")
     with pytest.raises(KeyError):
-        packed(wrong, {})
+        packed(wrong, {}, LAYERS)
 
 
 @pytest.mark.timeout(600)  # a busy machine takes minutes to load torch
@@ -92,7 +93,7 @@ def test_the_network_without_torch_is_that_of_training(weights):
     with torch.no_grad():
         wanted = net(windows)[0].numpy()
     layers = {name: Layer(*layer) for name, layer in net.folded().items()}
-    file = io.BytesIO(packed(layers, {}))
+    file = io.BytesIO(packed(layers, {}, LAYERS))
     ready = read_point_net(file, "it")
     found = np.stack([ready.logits(window) for window in windows.numpy()])
     assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.99

@@ -53,8 +53,9 @@ def map_points(
     from lidarcodec.maps.file import read_map
     from lidarcodec.maps.select.labels import Labelled, alike, labelled
     from lidarcodec.maps.select.learned import scores
-    from lidarcodec.maps.select.point_net import LAYERS, Layer, PointNet, packed
+    from lidarcodec.maps.select.point_net import LAYERS, Layer, PointNet
     from lidarcodec.maps.select.windows import halves
+    from lidarcodec.untrusted.network_weights import packed
 
     shares = shares_of("--keep", keep)
     if len(shares) > 1:
@@ -80,7 +81,7 @@ def map_points(
     }  # fmt: skip
     layers = {name: Layer(*layer) for name, layer in net.folded().items()}
     with whole(weights, force=force) as output:
-        output.beside.write_bytes(packed(layers, about))
+        output.beside.write_bytes(packed(layers, about, LAYERS))
     ready = PointNet(layers, about)
     tests = {
         str(path): round(alike(half, scores(half.points, ready)), 4) for path, half in zip(maps, held_out, strict=True)

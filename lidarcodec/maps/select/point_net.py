@@ -9,7 +9,6 @@ are not printed; ours are in LAYERS. Batch normalisation is part of the weights 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -18,13 +17,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.budgets import largest
-from lidarcodec.errors import SourceError
-from lidarcodec.untrusted.json import JsonRefusedError, read_object
-from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
+from lidarcodec.untrusted import network_weights
 
-MAX_FILE: Final = largest("weights") or 0
-MAX_ABOUT: Final = 1 << 16
 Floats = npt.NDArray[np.float32]
 
 LAYERS: Final[dict[str, tuple[int, int]]] = {
@@ -79,52 +73,11 @@ class PointNet(NamedTuple):
         return flat.reshape(size, size) + np.eye(size, dtype=np.float32)
 
 
-def packed(layers: Mapping[str, Layer], about: Mapping[str, Any]) -> bytes:
-    """The bytes of a file of weights: 8 bits a weight, with a scale for each output."""
-    arrays: dict[str, Any] = {}
-    for name in LAYERS:
-        weights, bias = layers[name]
-        scale = np.maximum(np.abs(weights).max(axis=1), 1e-12).astype(np.float32) / 127
-        arrays |= {
-            f"{name}.weights": np.rint(weights / scale[:, None]).astype(np.int8),
-            f"{name}.scale": scale,
-            f"{name}.bias": bias.astype(np.float32),
-        }
-    text = json.dumps(dict(about), ensure_ascii=False, sort_keys=True).encode()
-    file = BytesIO()
-    np.savez_compressed(file, about=np.frombuffer(text, np.uint8), **arrays)
-    return file.getvalue()
-
-
 def read_point_net(file: Path | BytesIO, name: str = "the file") -> PointNet:
     """The network of a file of weights. name: of the file, for errors
 
     Raises SourceError if it is not one, or cannot be read.
     """
-    try:
-        arrays = read_npz(file, most_bytes=MAX_FILE)
-        text = arrays["about"].tobytes()
-        about = read_object(text, MAX_ABOUT)
-        layers = {layer: _layer_of(arrays, layer) for layer in LAYERS}
-    except OSError as error:
-        raise SourceError(f"cannot read the weights {name}: {error.strerror or error}") from None
-    except KeyError as error:
-        raise SourceError(f"{name} is not a file of weights for maps: {error.args[0]} is missing") from None
-    except (ArraysRefusedError, JsonRefusedError, ValueError) as error:
-        raise SourceError(f"{name} is not a file of weights for maps: {error}") from None
-    return PointNet(layers, about)
-
-
-def _layer_of(arrays: Mapping[str, npt.NDArray[Any]], name: str) -> Layer:
-    inputs, outputs = LAYERS[name]
-    kinds = {
-        "weights": (np.int8, (outputs, inputs)),
-        "scale": (np.float32, (outputs,)),
-        "bias": (np.float32, (outputs,)),
-    }
-    for part, (kind, shape) in kinds.items():
-        found = arrays[f"{name}.{part}"]
-        if found.dtype != kind or found.shape != shape or not np.isfinite(found).all():
-            raise ValueError(f"{name}.{part} is not {shape} finite values of {np.dtype(kind)}")
-    weights, scale, bias = (arrays[f"{name}.{part}"] for part in kinds)
-    return Layer(weights.astype(np.float32) * scale[:, None], bias)
+    shapes = {layer: (outputs, inputs) for layer, (inputs, outputs) in LAYERS.items()}
+    layers, about = network_weights.read(file, name, "for maps", shapes)
+    return PointNet({layer: Layer(*one) for layer, one in layers.items()}, about)

@@ -1,4 +1,4 @@
-"""Average precision: a user who compares codecs by it must not be misled by how it is computed."""
+"""Average precision: codecs are compared by it, so a wrong figure would make a user choose the wrong one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import pytest
 
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.detection.boxes import upright
-from lidarcodec.evaluation.detection.detector.network import LAYERS, SHIPPED, Layer, Network, packed, read_network
+from lidarcodec.evaluation.detection.detector.network import LAYERS, SHIPPED, Layer, Network, read_network
 from lidarcodec.evaluation.detection.detector.objects import NONE, Found, found_in
 from lidarcodec.evaluation.detection.detector.overlap import overlaps
 from lidarcodec.evaluation.detection.detector.precision import Precision, precisions
 from lidarcodec.evaluation.detection.detector.view import CELLS, CHANNELS, DEPTH_M, seen
 from lidarcodec.evaluation.detection.evaluate import Detection
+from lidarcodec.untrusted.network_weights import packed
 
 
 def test_overlaps_of_turned_boxes_are_those_of_fine_grids() -> None:
@@ -113,7 +114,7 @@ def _network() -> Network:
 
 def test_weights_come_back_from_their_file_and_others_are_refused(tmp_path) -> None:
     network = _network()
-    data = packed(network.layers, network.about)
+    data = packed(network.layers, network.about, LAYERS)
     again = read_network(BytesIO(data))
     assert again.about == {"trained_on": "nothing"}
     for name, layer in network.layers.items():

@@ -9,7 +9,6 @@ al. 2018). Batch normalisation is part of the weights and biases here.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -18,16 +17,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.budgets import largest
-from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.detection.detector.view import CHANNELS
-from lidarcodec.untrusted.json import JsonRefusedError, read_object
-from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
+from lidarcodec.untrusted import network_weights
 
 SHIPPED: Final = Path(__file__).with_name("detector-sim.npz")
 """Weights of the package, trained on simulated drives."""
-MAX_FILE: Final = largest("weights") or 0
-MAX_ABOUT: Final = 1 << 16
 KINDS: Final = ("vehicle", "cyclist", "pedestrian")
 BOX: Final = 8
 """x and y of the middle from that of the cell in cells, z in metres, logarithms of length, width and height in metres,
@@ -100,51 +94,11 @@ def _doubled(values: Floats) -> Floats:
     return values.repeat(2, axis=1).repeat(2, axis=2)
 
 
-def packed(layers: Mapping[str, Layer], about: Mapping[str, Any]) -> bytes:
-    """The bytes of a file of weights: 8 bits a weight, with a scale for each output."""
-    arrays: dict[str, Any] = {}
-    for name in LAYERS:
-        weights, bias = layers[name]
-        scale = np.maximum(np.abs(weights).max(axis=(1, 2, 3)), 1e-12).astype(np.float32) / 127
-        arrays |= {
-            f"{name}.weights": np.rint(weights / scale[:, None, None, None]).astype(np.int8),
-            f"{name}.scale": scale,
-            f"{name}.bias": bias.astype(np.float32),
-        }
-    text = json.dumps(dict(about), ensure_ascii=False, sort_keys=True).encode()
-    file = BytesIO()
-    np.savez_compressed(file, about=np.frombuffer(text, np.uint8), **arrays)
-    return file.getvalue()
-
-
 def read_network(file: Path | BytesIO, name: str = "the file") -> Network:
     """The network of a file of weights. name: of the file, for errors
 
     Raises SourceError if it is not one, or cannot be read.
     """
-    try:
-        arrays = read_npz(file, most_bytes=MAX_FILE)
-        about = read_object(arrays["about"].tobytes(), MAX_ABOUT)
-        layers = {layer: _layer_of(arrays, layer) for layer in LAYERS}
-    except OSError as error:
-        raise SourceError(f"cannot read the weights {name}: {error.strerror or error}") from None
-    except KeyError as error:
-        raise SourceError(f"{name} is not a file of weights of a detector: {error.args[0]} is missing") from None
-    except (ArraysRefusedError, JsonRefusedError, ValueError) as error:
-        raise SourceError(f"{name} is not a file of weights of a detector: {error}") from None
-    return Network(layers, about)
-
-
-def _layer_of(arrays: Mapping[str, npt.NDArray[Any]], name: str) -> Layer:
-    inputs, outputs, size, _ = LAYERS[name]
-    kinds = {
-        "weights": (np.int8, (outputs, inputs, size, size)),
-        "scale": (np.float32, (outputs,)),
-        "bias": (np.float32, (outputs,)),
-    }
-    for part, (kind, shape) in kinds.items():
-        found = arrays[f"{name}.{part}"]
-        if found.dtype != kind or found.shape != shape or not np.isfinite(found).all():
-            raise ValueError(f"{name}.{part} is not {shape} finite values of {np.dtype(kind)}")
-    weights, scale, bias = (arrays[f"{name}.{part}"] for part in kinds)
-    return Layer(weights.astype(np.float32) * scale[:, None, None, None], bias)
+    shapes = {layer: (one.outputs, one.inputs, one.size, one.size) for layer, one in LAYERS.items()}
+    layers, about = network_weights.read(file, name, "of a detector", shapes)
+    return Network({layer: Layer(*one) for layer, one in layers.items()}, about)

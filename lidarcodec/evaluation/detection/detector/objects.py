@@ -62,7 +62,7 @@ def turned(points: npt.NDArray[np.floating], angle: float) -> npt.NDArray[np.flo
 
 def _decoded(answer: Floats) -> Found:
     """The peaks of a view's answer: cells above all of their eight neighbours."""
-    chance = 1 / (1 + np.exp(-answer[: len(KINDS)].astype(np.float64)))
+    chance = 1 / (1 + np.exp(-np.clip(answer[: len(KINDS)].astype(np.float64), -50, 50)))
     around = np.pad(chance, ((0, 0), (1, 1), (1, 1)))
     sides = [around[:, down : down + OUT_CELLS, right : right + OUT_CELLS] for down in range(3) for right in range(3)]
     peaks = (chance >= np.max(sides, axis=0)) & (chance > LEAST)

@@ -51,7 +51,7 @@ def seen(points: npt.NDArray[np.floating], intensity: npt.NDArray[np.floating] |
     found = np.zeros((CHANNELS, CELLS * CELLS), np.float32)
     found[layer, cell] = 1
     found[-2] = np.log1p(np.bincount(cell, minlength=CELLS * CELLS)) * 0.4
-    np.maximum.at(found[-1], cell, np.asarray(intensity, np.float32)[inside] / 255)
+    np.maximum.at(found[-1], cell, np.minimum(np.asarray(intensity, np.float32)[inside] / 255, 1))
     return found.reshape(CHANNELS, CELLS, CELLS)
 
 
