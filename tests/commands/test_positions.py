@@ -42,7 +42,8 @@ def test_encode_and_decode_give_the_same_capture(tmp_path, capture):
     assert f"{COUNT} position packets" in run_here("decode", recording, back).stdout
     assert packets_in(back) == SENT
     assert packets_in(recording) == SENT
-    assert "left out (only .pcap and recordings hold them)" in run_here("decode", recording, tmp_path / "back.npz").stdout
+    said = run_here("decode", recording, tmp_path / "back.npz").stdout
+    assert "left out (only .pcap and recordings hold them)" in said
 
 
 @pytest.mark.parametrize(("name", "words"), [("a.pcap", ()), ("a.mcap", ()), ("a.mcap", ("--as", "packets"))])

@@ -5,7 +5,7 @@ With at most K points it maximises, over the numbers n_g of points of each group
     sum over groups g of w_g log n_g,   w_g = h_g * (all / that of its direction)^(1/3)
 
 where h_g adds up, over the points of g, by how many scans more than three each was hit. What few scans hit is often a
-car that drove beside the sensor: it helps no scan of another day, and leads those of this one astray.
+car that drove beside the sensor, which is elsewhere in the next scan.
 
 A direction is that of the normal: up, or one of four ways along the ground. So scans of all places find partners where
 they have returns, and where few points hold a scan in one direction, as along a straight road, more of these are kept.
