@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from unittest.mock import ANY
 
 import pytest
 
@@ -117,4 +116,5 @@ def test_a_status_beyond_the_limits_is_refused(data):
 def test_of_a_status_known_fields_are_taken_and_no_others(network):
     with publisher(network, 1) as car:
         assert set(car.status()) == STATUS_FIELDS
-        assert read_status(json.dumps({**car.status(), "evil": 1}).encode()) == car.status() | {"stamp_ns": ANY}
+        told = car.status()  # once: the source runs on meanwhile
+    assert read_status(json.dumps({**told, "evil": 1}).encode()) == told

@@ -296,7 +296,7 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
     turn, coders, at = int.from_bytes(data[1:3], "little"), [], head
     frame = frame._replace(firing=data[3])
     if data[3] >= FIRINGS:
-        raise SectionError("a firing that is counted otherwise")
+        raise SectionError("the count of firings goes beyond its period")
     for part in range(frame.parts):
         first = SIZES_AT + 4 * part
         size = int.from_bytes(data[first : first + 4], "little") if part + 1 < frame.parts else len(data) - at

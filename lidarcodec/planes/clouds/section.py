@@ -348,7 +348,7 @@ def _read_grid_head(reader: VarintReader, kind: int, head: CloudHead, points: in
     if kind == _BY_COLUMN:
         firing = np.frombuffer(reader.take(rows), np.uint8).astype(np.int64)
         if not np.array_equal(np.sort(firing), np.arange(rows)):
-            raise SectionError("an order of firing that is none")
+            raise SectionError("the order of firing is damaged")
     none = np.zeros(0, np.int64)
     return Grid(rows, columns, none, none, kind == _BY_COLUMN, firing, full == 1, "")
 

@@ -203,7 +203,7 @@ Tuple<Array<std::int64_t>, Array<std::int64_t>, List<Array<std::uint32_t>>> poin
     return row >= 0 && row < static_cast<std::int64_t>(order.rows);
   });
   if (planes.empty() || !fires || order.firing.size() != order.rows)
-    throw Error(ErrorCode::Section, "an order of firing that is none, or no images");
+    throw Error(ErrorCode::Section, "the order of firing is damaged, or there are no images");
   PointCells cells;
   std::vector<std::vector<std::uint32_t>> numbers;
   {

@@ -95,7 +95,7 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
 
 void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
   if ((nets == nullptr) != (nets_ == nullptr))
-    throw Error(ErrorCode::Section, "networks in the middle of a stream without");
+    throw Error(ErrorCode::Section, "networks cannot be switched on or off in the middle of a stream");
   nets_ = std::move(nets);
 }
 
@@ -177,8 +177,9 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
   const std::uint32_t firing = data[3];
-  if (firing >= kFirings) throw Error(ErrorCode::Section, "a firing that is counted otherwise");
-  if (slab && data[head - 1] != past) throw Error(ErrorCode::Section, "a slab behind other columns than are known");
+  if (firing >= kFirings) throw Error(ErrorCode::Section, "the count of firings goes beyond its period");
+  if (slab && data[head - 1] != past)
+    throw Error(ErrorCode::Section, "this part of a turn follows columns that were not decoded");
   PredictiveParts<WideDecoder> parts;
   for (std::size_t p = 0, at = head; p < count; ++p) {
     const std::size_t rest = size - at, bytes = p + 1 < count ? take(data + kSizesAt + 4 * p, 4) : rest;

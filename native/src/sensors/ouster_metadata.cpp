@@ -81,7 +81,7 @@ std::size_t turn_columns(const JsonValue& tree, const JsonValue* data) {
   const std::size_t columns = fits ? number_of(std::string_view(*mode).substr(0, first)) : 0;
   if (!fits || number_of(std::string_view(*mode).substr(first + 1)) == 0 ||
       std::find(kOusterTurns.begin(), kOusterTurns.end(), columns) == kOusterTurns.end())
-    refuse("its lidar_mode is none of an Ouster");
+    refuse("its lidar_mode is not one of an Ouster");
   const JsonValue* const stated = data == nullptr ? nullptr : data->find("columns_per_frame");
   if (stated != nullptr && stated->kind != Kind::Null && !is_size(*stated, columns))
     refuse("columns_per_frame is not that of lidar_mode");
@@ -113,7 +113,7 @@ OusterPackets packets_of(const JsonValue& tree, const JsonValue* data, std::size
       refuse("header_type must be STANDARD or FUSA");
     packets.fusa_head = packets.profile != kLegacyProfile && head->text == "FUSA";
   }
-  if (packets.bytes() > kMostPacketBytes) refuse("no packet is as large as it says");
+  if (packets.bytes() > kMostPacketBytes) refuse("its packets would be larger than those of any Ouster");
   return packets;
 }
 
@@ -201,7 +201,7 @@ OusterMetadata read_ouster_metadata(Bytes json) {
   const std::string* const product = text(tree, "sensor_info", "prod_line");
   const bool named = product != nullptr && !product->empty();
   const std::string family = named ? family_in(*product) : "1";
-  if (family.empty()) refuse("it is of no OS0, OS1, OS2 or OSDome");
+  if (family.empty()) refuse("it does not describe an OS0, OS1, OS2 or OSDome");
   metadata.model = "os" + family + "-" + std::to_string(rows);
   double origin = !named          ? kFirstBeamOrigin
                   : family == "0" ? 27.67

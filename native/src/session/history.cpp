@@ -149,7 +149,7 @@ const Motion& StreamMemory::motion(const std::uint8_t* data, std::size_t size) {
   } else if (size != 0) {
     throw Error(ErrorCode::Section, "a motion that is not 18 bytes");
   } else if (!motion_) {
-    throw Error(ErrorCode::Section, "a motion as before, and there was none");
+    throw Error(ErrorCode::Section, "the motion is to be that of the frame before, which has none");
   }
   return *motion_;
 }

@@ -309,7 +309,7 @@ void Session::use_networks(const Message& message, std::uint8_t effort, const st
     now_.coder = std::make_unique<PredictiveCoder>(quickest_path(), nets);
   now_.used = wanted;
   if (message.needs && !goes_on)
-    throw Error(ErrorCode::Section, "another effort than that of the frame before, which it goes on from");
+    throw Error(ErrorCode::Section, "the effort is not that of the frame before, on which this one builds");
 }
 
 std::string Session::missing_weights(Bytes data) const {
