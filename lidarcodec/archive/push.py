@@ -18,7 +18,7 @@ from lidarcodec.archive.stores.base import Store, check_name
 from lidarcodec.errors import SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
-from lidarcodec.recording.rotation import is_written
+from lidarcodec.recording.recorded_files import is_written
 from lidarcodec.settings import is_name
 from lidarcodec.untrusted.json import MAX_BYTES, read_json
 

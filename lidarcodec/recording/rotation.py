@@ -11,7 +11,6 @@ import errno
 import fcntl
 import logging
 import os
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -20,13 +19,20 @@ from pathlib import Path
 from typing import IO, Final
 
 from lidarcodec import wire
-from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.files.regular import open_regular
-from lidarcodec.files.spare import FULL, SpareHandles
+from lidarcodec.errors import SettingsError
+from lidarcodec.files.spare import SpareHandles
 from lidarcodec.frame import Frame
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
-from lidarcodec.recording.reader import RecordingReader
+from lidarcodec.recording.recorded_files import (
+    created,
+    is_written,
+    lost,
+    recorded_files,
+    size_of,
+    sync_folder,
+    thrown_away,
+)
 from lidarcodec.recording.writer import RecordingWriter
 from lidarcodec.settings import StreamSettings, valid_name
 
@@ -177,7 +183,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         content would be lost.
         """
         file = self._file
-        if file is None or (what := _lost(file)) is None:
+        if file is None or (what := lost(file)) is None:
             return
         self.counts["lost files"] += 1
         log.error("%s was %s while it was being recorded: its content is lost", file.name, what)
@@ -229,16 +235,16 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         while True:
             path = self.folder / f"{self.vehicle}_{self.sensor}_{time}_{number:04d}.mcap"
             try:
-                file = self._spare.opened(partial(_created, path))
+                file = self._spare.opened(partial(created, path))
                 break
             except FileExistsError:
                 number += 1
         try:
             writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, self._metadata, clouds=self.clouds)
             file.flush()
-            self._spare.opened(lambda: _sync_folder(self.folder))
+            self._spare.opened(lambda: sync_folder(self.folder))
         except BaseException:
-            _thrown_away(file, path)
+            thrown_away(file, path)
             raise
         with contextlib.suppress(OSError):  # some file systems cannot
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -256,7 +262,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         order = {name: number for number, name in enumerate(self._made)}
         found = sorted(self.files(), key=lambda path: order.get(path.name, -1))
         self._made = [path.name for path in found if path.name in order]
-        files = [(path, _size_of(path)) for path in found if path != self.path]
+        files = [(path, size_of(path)) for path in found if path != self.path]
         total = sum(size for _, size in files)
         for path, size in files:
             if total + needed <= self.max_total_bytes:
@@ -284,7 +290,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         if writer is None or file is None:
             return
         if not self._in_file:  # even its first message could not be written
-            _thrown_away(file, Path(file.name))
+            thrown_away(file, Path(file.name))
             self.counts["files"] -= 1
             return
         with file:
@@ -328,88 +334,5 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             log.debug("the last file in %s has no index", self.folder)
 
 
-def recorded_files(folder: Path, vehicle: str, sensor: str, known: Sequence[str] = ()) -> list[Path]:
-    """Files that a RotatingRecorder wrote of a sensor, oldest first. known: names that are certainly of this sensor
-
-    Raises OSError if the folder cannot be read.
-    """
-    name = re.compile(re.escape(f"{vehicle}_{sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
-    found = [path for path in folder.iterdir() if name.fullmatch(path.name)]
-    if "_" in vehicle + sensor:  # `car_1`, `roof` and `car`, `1_roof` have equal file names
-        found = [path for path in found if path.name in known or _is_of(path, vehicle, sensor)]
-    times = {path: _changed_ns(path) for path in found}
-    return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
-
-
-def _is_of(path: Path, vehicle: str, sensor: str) -> bool:
-    """Whether the metadata of a file names this sensor."""
-    try:
-        with open_regular(path) as file:
-            about = RecordingReader(file, warn=False).metadata
-    except (OSError, SourceError):
-        return False
-    return (about.get("vehicle"), about.get("sensor")) == (vehicle, sensor)
-
-
 def _never(path: Path) -> bool:
     return False
-
-
-def _created(path: Path) -> IO[bytes]:
-    """Create a file. Raises FileExistsError, OSError."""
-    return path.open("xb")
-
-
-def _changed_ns(path: Path) -> int | None:
-    """Time of the last change of a file; None if it was removed or is a broken link."""
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:
-        return None
-
-
-def _size_of(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:  # removed meanwhile
-        return 0
-
-
-def _lost(file: IO[bytes]) -> str | None:
-    """`removed`, `replaced` or `written over` if the content of an open file is lost; None otherwise."""
-    ours = os.fstat(file.fileno())
-    if ours.st_size != os.lseek(file.fileno(), 0, os.SEEK_CUR):
-        return "written over"
-    try:
-        there = Path(file.name).stat()
-    except OSError:
-        return "removed"
-    return None if (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino) else "replaced"
-
-
-def _thrown_away(file: IO[bytes], path: Path) -> None:
-    """Close and delete a file without a complete message."""
-    with contextlib.suppress(OSError):
-        file.close()
-    path.unlink(missing_ok=True)
-
-
-def is_written(path: Path) -> bool:
-    """Whether another recorder holds the lock of a file that it is writing."""
-    try:
-        with open_regular(path) as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError as error:  # the file system has no locks, or the file cannot be read
-        return error.errno in FULL
-    return False
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the name of a new file survive a power failure."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

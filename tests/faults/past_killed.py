@@ -27,7 +27,7 @@ from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.frame import Frame
 from lidarcodec.recording.marks import Mark
 from lidarcodec.recording.pieces import messages_in, pieces_in, read_piece
-from lidarcodec.recording.rotation import recorded_files
+from lidarcodec.recording.recorded_files import recorded_files
 from lidarcodec.transport import Endpoints, open_transport, part_size
 from lidarcodec.wire import peek
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, frames, packets

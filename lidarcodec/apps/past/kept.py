@@ -15,7 +15,7 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.marks import Mark, Marks
 from lidarcodec.recording.pieces import Piece, pieces_in, read_piece
-from lidarcodec.recording.rotation import recorded_files
+from lidarcodec.recording.recorded_files import recorded_files
 from lidarcodec.transport.keys import StreamKeys
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from lidarcodec.apps.recorder import Record
 from lidarcodec.errors import SettingsError
 from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
-from lidarcodec.recording.rotation import recorded_files
+from lidarcodec.recording.recorded_files import recorded_files
 from tests.apps.past.kept_drive import KEYS, SMALL, at, big, feed, frames, kept, packets, ring
 from tests.recording.test_recording import message
 from tests.transport.test_contract import eventually
