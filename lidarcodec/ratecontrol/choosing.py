@@ -26,6 +26,8 @@ from lidarcodec.settings import AUTO, StreamSettings
 SHARE: Final = 0.3
 """Share of the time between two frames that encoding may take. Decoding takes about as long, and the rest is for the
 path: a frame should arrive before the next one is measured."""
+BETTER: Final = 0.8
+"""Where a codec is in force already, another one replaces it only if it takes this share of what it may take."""
 
 
 class Choice(NamedTuple):
@@ -78,24 +80,36 @@ def without_auto(settings: StreamSettings, among: Collection[str] | None = None)
     return with_codec(settings, next(name for name in ranked(settings) if among is None or name in among))
 
 
-def choice(settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: float) -> Choice:
-    """The first of `ranked` within the budget, of those that were tried; otherwise the fastest of them.
+def within(name: str, took_ms: float, budget_ms: float, kept: str | None = None) -> bool:
+    """Whether a codec is quick enough. kept: the codec in force; another one then needs a margin, so that two that are
+    about as quick do not replace each other again and again"""
+    return took_ms <= (budget_ms if kept in (None, name) else BETTER * budget_ms)
+
+
+def choice(
+    settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: float, kept: str | None = None
+) -> Choice:
+    """The first of `ranked` that is `within` the budget, of those that were tried; otherwise the fastest of them.
 
     encode_ms: milliseconds for a frame, for each codec that was tried; at least one
+    kept: the codec in force, if this is not the first choice
     """
     times = {name: round(took, 1) for name, took in encode_ms.items()}
     slower: list[str] = []
     for name in ranked(settings):
         if name not in encode_ms:
             continue
-        if encode_ms[name] <= budget_ms:
+        if within(name, encode_ms[name], budget_ms, kept):
             most = "gives the best picture" if settings.target_kbps is not None else "takes the fewest bits"
             of = f" of those that encode a frame within {budget_ms:.0f} ms here"
             other = f"; too slow: {', '.join(slower)}" * bool(slower)
             return Choice(name, f"{most}{of} ({times[name]:g} ms){other}", times, budget_ms)
         slower.append(f"{name} ({times[name]:g} ms)")
-    quickest = min(encode_ms, key=lambda name: encode_ms[name])
-    because = f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(slower)}"
+    quickest = min(encode_ms, key=lambda name: encode_ms[name] * (BETTER if name == kept else 1.0))
+    because = (
+        f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(slower)}; "
+        "they are tried again later"
+    )
     return Choice(quickest, because, times, budget_ms)
 
 

@@ -10,6 +10,7 @@ from lidarcodec.pipeline import StreamEncoder, check, check_offline
 from lidarcodec.ratecontrol.choosing import choice, ranked, with_codec, without_auto
 from lidarcodec.ratecontrol.presets import PRESETS, preset
 from lidarcodec.ratecontrol.reach import reach_warning
+from lidarcodec.ratecontrol.second_look import MOST_S, SecondLook
 from lidarcodec.settings import StreamSettings
 
 AUTO = StreamSettings(codec="auto")
@@ -36,6 +37,48 @@ def test_the_best_one_that_is_quick_enough_is_taken_and_it_is_said_why():
     slow = choice(wanted, {"riddle": 700.0, "pcodec": 200.0, "predictive": 300.0}, budget_ms=50.0)
     assert slow.codec == "pcodec"
     assert "no codec encodes a frame within" in slow.because
+
+
+def test_a_codec_in_force_is_replaced_only_by_one_that_is_clearly_quick_enough():
+    """Two that take about as long would replace each other at every look."""
+    wanted = AUTO.changed(target_kbps=1000)
+    assert choice(wanted, {"riddle": 45.0, "predictive": 20.0}, 50.0, "predictive").codec == "predictive"
+    assert choice(wanted, {"riddle": 39.0}, 50.0, "predictive").codec == "riddle"
+    assert choice(wanted, {"riddle": 49.0}, 50.0, "riddle").codec == "riddle"
+    assert choice(wanted, {"riddle": 90.0, "predictive": 80.0}, 50.0, "riddle").codec == "riddle"
+    assert choice(wanted, {"riddle": 90.0, "predictive": 60.0}, 50.0, "riddle").codec == "predictive"
+
+
+def test_a_second_look_waits_until_a_change_lasts_and_longer_each_time():
+    look = SecondLook()
+    assert not look.due(1e9), "nothing was chosen yet"
+
+    def after(start, took_ms):
+        """Seconds from a choice to the next look."""
+        for tenth in range(100_000):
+            look.encoded(start + tenth / 10, took_ms)
+            if look.due(start + tenth / 10):
+                return tenth / 10
+        return None
+
+    look.decided(0.0, 20.0, 30.0, best=True)
+    assert after(0.0, 5.0) is None, "it is the best one: nothing could be won"
+    assert after(0.0, 45.0) is None, "it is slow, but keeps up"
+    look.forget()
+    waits = []
+    for _ in range(8):
+        look.decided(0.0, 20.0, 30.0, best=False)
+        waits.append(after(0.0, 5.0))
+    assert waits == sorted(waits)
+    assert waits[0] >= 30
+    assert waits[1] >= 60
+    assert waits[-1] == MOST_S
+    look.forget()
+    look.decided(0.0, 20.0, 30.0, best=True)
+    assert after(0.0, 90.0) < 60, "other settings begin with the shortest wait"
+    look.forget()
+    look.decided(0.0, 90.0, 30.0, best=False)
+    assert after(0.0, 90.0) < 60, "none was quick enough: the machine may have been busy"
 
 
 def test_where_no_time_passes_it_is_the_best_one_and_says_so():

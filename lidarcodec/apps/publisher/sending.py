@@ -166,7 +166,10 @@ class Sending:
             self._once.add("encode errors", error)
             self.request_key()
             return
-        self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
+        took_ms = 1e3 * (time.perf_counter() - start)
+        self._board.encode_ms.add(took_ms)
+        if not left_out:
+            self._coding.choosing.encoded(took_ms)
         self._coding.learning.encoded()
         if any(message.key for message in messages):
             self._last_key = now
