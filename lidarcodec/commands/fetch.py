@@ -80,10 +80,18 @@ def run(
         log.warning(
             "the vehicle kept nothing for %.1f s, beginning at %s", (end_ns - begin_ns) / 1e9, rfc_3339(begin_ns)
         )
+    if written.missing:
+        longest = max(written.holes, key=lambda hole: hole.to_ns - hole.from_ns)
+        log.warning(
+            "%d frames are missing between those of the clip, because the vehicle did not keep them; the longest hole "
+            "is %.1f s, beginning at %s", written.missing, (longest.to_ns - longest.from_ns) / 1e9,
+            rfc_3339(longest.from_ns),
+        )  # fmt: skip
     if written.frames != state["frames"]:
         log.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)
     about = {"output": str(out), "bytes": written.bytes, "frames": written.frames}
     about |= {name: state[name] for name in ("bytes_received", "gaps")}
+    about |= {"missing": written.missing, "holes": [list(hole) for hole in written.holes]}
     tell(about, _line(about), as_json)
 
 
@@ -133,5 +141,5 @@ class _Progress:
 def _line(about: dict[str, Any]) -> str:
     return (
         f"{about['output']}: {about['frames']} frames in {about['bytes']:,} bytes, {about['bytes_received']:,} bytes "
-        f"received, {len(about['gaps'])} gaps"
+        f"received, {about['missing']} frames missing between them, {len(about['gaps'])} gaps"
     )

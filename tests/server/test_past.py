@@ -232,7 +232,7 @@ async def test_a_clip_says_what_the_vehicle_did_not_keep_of_it_also_after_a_rest
         await seen(client)
         where = (await client.get(PAST, params=asked)).headers["location"]
         told = await ended(client, where)
-        assert (told["state"], told["gaps"]) == ("complete", [gap])
+        assert (told["state"], told["gaps"], told["missing_frames"]) == ("complete", [gap], 0)
         assert (await client.get(f"{PAST}/spans")).json()["here"] == [[START_NS, int(asked["to"])]]
     async with serving() as client:
         assert (await client.get(where)).json()["gaps"] == [gap]

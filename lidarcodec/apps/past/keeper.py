@@ -127,8 +127,16 @@ class Keeper:
             if len(self._queue) >= WAITING:
                 self._queue.popleft()
                 self.once.counts["dropped"] += 1
+                first = self.once.counts["dropped"] == 1
+            else:
+                first = False
             self._queue.append(frame)
             self._condition.notify()
+        if first:
+            logger.warning(
+                "%s: --keep does not keep every frame, because the disk or the processor is too slow "
+                "(more are only counted, as `dropped` in the status)", self.keys.prefix,
+            )  # fmt: skip
 
     def state(self) -> dict[str, Any]:
         """For the status: what is kept (docs/live.md lists the fields)."""

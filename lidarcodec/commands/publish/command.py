@@ -186,8 +186,16 @@ def summary_line(status: dict[str, Any]) -> str:
         f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
         + f", {status['left_out']} left out to keep the target" * bool(status["left_out"])
+        + not_kept(status)
         + too_much(status)
     )
+
+
+def not_kept(status: dict[str, Any]) -> str:
+    """How many frames --keep did not keep; an empty text for none."""
+    counts = (status["past"] or {}).get("counts", {})
+    frames = counts.get("dropped", 0) + counts.get("unwritten", 0)
+    return f", {frames} of {status['assembled']} not kept: the disk, or this processor, is too slow" * bool(frames)
 
 
 def too_much(status: dict[str, Any]) -> str:

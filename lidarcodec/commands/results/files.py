@@ -65,6 +65,8 @@ class Fetched(TypedDict):
     frames: Annotated[int, "number of frames in it"]
     bytes_received: Annotated[int, "bytes that came from the vehicle in this run"]
     gaps: Annotated[list[list[int]], "what the vehicle did not keep: begin and end, in ns since 1970"]
+    missing: Annotated[int, "frames missing between those of the clip, by their numbers"]
+    holes: Annotated[list[list[int]], "where, the first 1000: stamps of the frames before and after, and how many"]
 
 
 class Joined(TypedDict):

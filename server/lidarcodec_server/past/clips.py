@@ -45,6 +45,7 @@ class Record:
 
     reason: why it failed;  by: who asked for it;  stays: whether its clip is not deleted to make room
     gaps:   spans that its clip lacks, in order of time, because the vehicle did not keep them
+    missing: frames that are missing between those of its clip; None: not known
     """
 
     id: str
@@ -57,6 +58,7 @@ class Record:
     size: int = 0
     stays: bool = False
     gaps: tuple[tuple[int, int], ...] = ()
+    missing: int | None = None
 
     def spans(self) -> list[tuple[int, int]]:
         """What its clip has: its span without the gaps."""
@@ -83,6 +85,7 @@ class Record:
             "size": self.size,
             "stays": self.stays,
             "gaps": [list(gap) for gap in self.gaps],
+            "missing": self.missing,
         }
 
 
@@ -215,6 +218,7 @@ class Clips:
                 size,
                 told["stays"] is True,
                 self._gaps(name, told, clip),
+                missing if isinstance(missing := told.get("missing"), int) else None,
             )
         except (OSError, JsonRefusedError, LidarCodecError, KeyError, TypeError, ValueError, OverflowError):
             return None

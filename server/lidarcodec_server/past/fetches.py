@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from lidarcodec.apps.past.clip import write_clip
+from lidarcodec.apps.past.clip import Written, write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch, SilentError
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, told
@@ -263,8 +263,8 @@ class Fetches:
         try:
             plan = job.fetch.run(partial(self._prepare, job))
             with self._disk:
-                size = self._assemble(job, plan)
-            self._end(job, "complete", None, size, few(plan.gaps()))
+                written = self._assemble(job, plan)
+            self._end(job, "complete", None, written.bytes, few(plan.gaps()), written.missing)
         except CancelledError:
             if job.cancelled:
                 self._end(job, "cancelled", None)
@@ -299,16 +299,19 @@ class Fetches:
             self._ended.pop(record.id, None)
             return True
 
-    def _assemble(self, job: _Job, plan: Plan) -> int:
+    def _assemble(self, job: _Job, plan: Plan) -> Written:
         path = self._clips.clip_file(job.record)
         try:
             with written_whole(path, private=True) as beside:
-                return write_clip(plan, self._clips.store, beside).bytes
+                return write_clip(plan, self._clips.store, beside)
         except OSError as error:
             raise SourceError(f"the clip cannot be written: {error.strerror or error}") from None
 
-    def _end(self, job: _Job, state: Any, reason: str | None, size: int = 0, gaps: Any = ()) -> Record:
-        record = replace(job.record, state=state, reason=reason, size=size, gaps=gaps, ended_ns=time.time_ns())
+    def _end(
+        self, job: _Job, state: Any, reason: str | None, size: int = 0, gaps: Any = (), missing: int | None = None
+    ) -> Record:
+        over = {"state": state, "reason": reason, "size": size, "gaps": gaps, "missing": missing}
+        record = replace(job.record, **over, ended_ns=time.time_ns())
         with self._wake:
             self._jobs.pop(record.id, None)
             self._ended[record.id] = record

@@ -76,6 +76,9 @@ class FetchAnswer(BaseModel):
     size_bytes: int = Field(description="Of the clip, once it is complete.")
     clip: str | None = Field(description="Path of the clip, once it is complete.")
     gaps: list[tuple[int, int]] = Field(description="Of a complete clip: spans in ns that the vehicle did not keep.")
+    missing_frames: int | None = Field(
+        description="Of a complete clip: frames that are missing between its own, by their numbers. Null: not known."
+    )
     playing: PlayingAnswer | None = Field(default=None, description="The playback of its clip; null without one.")
     progress: ProgressAnswer | None = Field(description="Null when it is over.")
 
@@ -100,6 +103,7 @@ class FetchAnswer(BaseModel):
             size_bytes=record.size,
             clip=here if record.state == "complete" else None,
             gaps=list(record.gaps),
+            missing_frames=record.missing,
             playing=None if playing is None else PlayingAnswer.of(playing),
             progress=None if progress is None else ProgressAnswer(**progress),
         )

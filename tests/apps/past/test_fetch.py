@@ -18,6 +18,7 @@ from lidarcodec.apps.past import answers, fetch
 from lidarcodec.apps.past.answers import HEAD, PART, Answers, Link
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
+from lidarcodec.apps.past.keeper import Keep, Keeper
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import SettingsError, SourceError
@@ -25,7 +26,7 @@ from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.transport import asking, part_size
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.memory import MemoryNetwork, MemoryTransport
-from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, kept, packets, ring
+from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, feed, frames, kept, packets, ring
 from tests.sweeps import sampled
 
 CLIP = Clip(KEYS, at(5), at(25))
@@ -282,6 +283,23 @@ def test_a_clip_counts_the_frames_that_it_holds_whatever_the_vehicle_had_listed(
     listed = sum(piece.frames for piece in plan.there)
     plan.pieces = [piece._replace(frames=piece.frames + 5) for piece in plan.pieces]
     assert write_clip(plan, PieceStore(tmp_path), tmp_path / "clip.mcap").frames == listed
+
+
+def test_frames_that_the_vehicle_dropped_are_missed_one_by_one(
+    tmp_path: Path, network: MemoryNetwork, near: MemoryTransport
+) -> None:
+    """A hole of a few frames is shorter than any gap, and a recording without it looks whole."""
+    folder = tmp_path / "ring"
+    keeper = Keeper(Keep(folder, SMALL), KEYS)
+    keeper.start()
+    feed(keeper, [frame for frame in frames(20) if frame.index not in (7, 8, 12)])
+    keeper.close()
+    Vehicle(network, folder)
+    done = fetching(tmp_path, near, Clip(KEYS, at(0), at(20)))
+    written = write_clip(done.run(), PieceStore(tmp_path), tmp_path / "clip.mcap")
+    assert (written.frames, written.missing, done.plan.gaps()) == (17, 3, [])
+    assert [hole.frames for hole in written.holes] == [2, 1]
+    assert [round((hole.to_ns - hole.from_ns) / FRAME_NS) for hole in written.holes] == [3, 2]
 
 
 def test_what_was_overwritten_meanwhile_is_a_gap(tmp_path: Path, network: MemoryNetwork, near: MemoryTransport) -> None:

@@ -11,6 +11,7 @@ from lidarcodec.apps.past import keeper as module
 from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of, check_apart
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.recorder import Record
+from lidarcodec.commands.publish.command import not_kept
 from lidarcodec.errors import SettingsError
 from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
@@ -145,11 +146,16 @@ def test_a_growing_file_offers_complete_pieces_only_and_they_keep_their_names(tm
     assert len(late) == len(early) + 1
 
 
-def test_a_slow_disk_drops_the_oldest_waiting_frames_and_counts_them(tmp_path: Path) -> None:
+def test_a_slow_disk_drops_the_oldest_waiting_frames_and_says_so_at_the_vehicle(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     keeper = Keeper(Keep(tmp_path, SMALL), KEYS)  # it was not started, so it is as slow as can be
     for frame in frames(WAITING + 5):
         keeper.frame(frame)
     assert keeper.state()["counts"] == {"dropped": 5}
+    assert caplog.text.count("--keep does not keep every frame") == 1, "once, then only counted"
+    assert "5 of 25 not kept" in not_kept({"past": keeper.state(), "assembled": WAITING + 5})
+    assert not_kept({"past": None, "assembled": 5}) == ""
 
 
 def test_a_folder_that_cannot_be_used_stops_the_keeping_and_says_why(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ const SECOND = 1e9;
 const at = (seconds: number) => 1_700_000_000 * SECOND + seconds * SECOND;
 
 function clip(changes: Partial<Clip>): Clip {
-  const span = { from_ns: at(0), to_ns: at(30), clip: null, gaps: [], playing: null };
+  const span = { from_ns: at(0), to_ns: at(30), clip: null, gaps: [], missing_frames: 0, playing: null };
   return {
     id: "20261126T120000Z-3fa2c9",
     vehicle: "car-7",
@@ -109,6 +109,9 @@ test("a clip of which the vehicle kept a part only does not claim the rest", () 
   ]);
   expect(stateText(one)).toBe("12.0 of 30.0 s are here, exactly: 8.0 MB. The vehicle has nothing of the rest.");
   expect(stateText({ ...one, gaps: [] })).toBe("Here, exactly: 8.0 MB.");
+  expect(stateText({ ...one, gaps: [], missing_frames: 12 })).toBe(
+    "Here, exactly: 8.0 MB. 12 frames in between are missing: the vehicle did not keep them.",
+  );
   const progress = { listed: true, bytes: 1, bytes_done: 0, gaps: [[at(0), at(18)] as Span], waiting: null };
   expect(partsOf(clip({ progress }))).toEqual([[at(18), at(30)]]);
 });

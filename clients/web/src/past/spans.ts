@@ -1,5 +1,5 @@
 /** What a vehicle keeps, what is here of it, and clips on their way; as text, and as places on a time line. */
-import { bytes, clock, span as lengthText, moment } from "../model/format";
+import { bytes, clock, count, span as lengthText, moment } from "../model/format";
 import type { Playing, Recording } from "../model/wire";
 
 /** Begin and end in ns since the Unix epoch; a double is exact to a quarter of a microsecond there. */
@@ -35,6 +35,8 @@ export interface Clip {
   clip: string | null;
   /** What it lacks, once it is complete, because the vehicle has nothing of it. */
   gaps: Span[];
+  /** Frames that are missing between those of a complete clip; null: not known. */
+  missing_frames: number | null;
   playing: Playing | null;
   progress: Progress | null;
 }
@@ -153,9 +155,12 @@ export function percentOf(progress: Progress | null): number | null {
 /** The state of a clip in a sentence. */
 export function stateText(one: Clip): string {
   if (one.state === "complete") {
-    if (one.gaps.length === 0) return `Here, exactly: ${bytes(one.size_bytes)}.`;
+    const missing = one.missing_frames
+      ? ` ${count(one.missing_frames)} frames in between are missing: the vehicle did not keep them.`
+      : "";
+    if (one.gaps.length === 0) return `Here, exactly: ${bytes(one.size_bytes)}.${missing}`;
     const [has, of] = [secondsOf(partsOf(one)), (one.to_ns - one.from_ns) / 1e9];
-    return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle has nothing of the rest.`;
+    return `${has.toFixed(1)} of ${of.toFixed(1)} s are here, exactly: ${bytes(one.size_bytes)}. The vehicle has nothing of the rest.${missing}`;
   }
   if (one.state === "failed") return `Failed: ${one.reason ?? "no reason was given"}`;
   if (one.state === "cancelled") return "Cancelled.";
