@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import check
@@ -19,6 +19,28 @@ class Applied(NamedTuple):
     def answer(self) -> dict[str, Any]:
         """As the answer to a query."""
         return {"applied": self.settings.model_dump(), "first_frame": self.first_frame, "key": self.key}
+
+
+MAX_BY: Final = 64
+BY: Final = "by"
+"""Field of a query that says who asks; it is no setting."""
+
+
+def asked_by(who: str) -> dict[str, str]:
+    """The field of a query that says who asks. Raises nothing: what would be refused is left out."""
+    text = "".join(one for one in who if one.isprintable())[:MAX_BY]
+    return {BY: text} if text else {}
+
+
+def asker(query: dict[str, Any]) -> str | None:
+    """Who asks for a change, as the query itself says, and takes that out of it; None if it does not say.
+
+    Raises SettingsError if it is no short line of text.
+    """
+    by = query.pop(BY, None)
+    if by is not None and not (isinstance(by, str) and len(by) <= MAX_BY and by.isprintable()):
+        raise SettingsError(f"{BY} must be a line of at most {MAX_BY} characters", BY)
+    return by or None
 
 
 def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSettings:

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from lidarcodec.apps.publisher import desk
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
 from lidarcodec.assembly import packets_of
@@ -123,6 +124,23 @@ def test_a_consumer_that_wants_every_frame_slows_the_publisher_down(network):
         assert stream.replaced == 0
         assert stream.stats.counts["missing"] > 5
         assert stream.summary()["errors"] == {}
+
+
+def test_the_vehicle_says_what_was_set_over_the_network_and_by_whom(network, caplog, monkeypatch):
+    """It had said the settings of its command line, and a server sent others, which an operator had set days ago."""
+    monkeypatch.setattr(desk, "TELL_S", 0.0)
+    with publisher(network, settings=StreamSettings(codec="zstd")) as car:
+        end = network.end()
+        asked = json.dumps({"codec": "raw", "target_kbps": None, "by": "anna"}).encode()
+        assert json.loads(end.ask(KEYS.control_set, asked))["applied"]["codec"] == "raw"
+        assert eventually(lambda: "anna set codec=raw over the network, in place of codec=zstd" in caplog.text)
+        assert "DELETE /api/v1/streams/vehicle/lidar/settings" in caplog.text
+        end.ask(KEYS.control_reset, b"{}")
+        assert eventually(lambda: "somebody gave the command line's settings back" in caplog.text)
+        assert car.settings.codec == "zstd"
+        for by in ("x" * 65, "\x1b[2J", 7):
+            answer = json.loads(end.ask(KEYS.control_set, json.dumps({"codec": "raw", "by": by}).encode()))
+            assert answer["field"] == "by", "it is printed on a terminal"
 
 
 def test_settings_change_between_two_frames(network):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import time
+from collections.abc import Callable
 from typing import Any, Protocol, Unpack, cast
 
 from lidarcodec.apps.clocks import Clock
-from lidarcodec.apps.control import Applied
+from lidarcodec.apps.control import Applied, asker
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.arrivals import listen_for_arrivals
 from lidarcodec.apps.publisher.flight import Flight
@@ -18,12 +21,18 @@ from lidarcodec.transport.answering import TooOftenError, answered
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
 
+logger = logging.getLogger(__name__)
+
 CHANGES_PER_S, CHANGES_AT_ONCE = 5.0, 20
 """Rate limit of changes of settings, for all clients together."""
 QUESTIONS_PER_S, QUESTIONS_AT_ONCE = 50.0, 100
 """Rate limit of queries for settings and status, for all clients together."""
 STATUS_HOLDS_S = 0.1
 """Shortest interval at which the status is computed; queries in between get the last one."""
+
+
+TELL_S = 5.0
+"""Shortest interval between two lines about settings that came over the network."""
 
 
 class Controlled(Protocol):
@@ -58,6 +67,9 @@ class Desk:
         self._status_s = float("-inf")
         self._publisher, self._keys = publisher, keys
         self._flight, self._board, self._clock = flight, board, clock
+        self._own: StreamSettings | None = None
+        self._untold, self._by = False, ""
+        self._told_s = float("-inf")
 
     def declare(self, transport: Transport) -> list[Closeable]:
         """Declare subscribers and queryables."""
@@ -87,12 +99,39 @@ class Desk:
 
     def _set(self, query: dict[str, Any]) -> dict[str, Any]:
         self._take(self._changes, "changes refused", "settings are changed")
+        by = asker(query)
         changes = cast(SettingChanges, {str(field): value for field, value in query.items()})
-        return self._publisher.change(**changes).answer()
+        return self._applied(by, lambda: self._publisher.change(**changes))
 
     def _reset(self, query: dict[str, Any]) -> dict[str, Any]:
         self._take(self._changes, "changes refused", "settings are changed")
-        return self._publisher.reset().answer()
+        return self._applied(asker(query), self._publisher.reset)
+
+    def _applied(self, by: str | None, change: Callable[[], Applied]) -> dict[str, Any]:
+        before = self._publisher.settings
+        applied = change()
+        self._own = self._own or before
+        self._untold |= applied.settings != before
+        self._by = by or "somebody"
+        return applied.answer()
+
+    def tell(self) -> None:
+        """Say at the vehicle what was set over the network, because its command line said something else at the start.
+        Called every second."""
+        now = time.monotonic()
+        if not self._untold or self._own is None or now - self._told_s < TELL_S:
+            return
+        self._untold, self._told_s = False, now
+        own, keys = self._own, self._keys
+        theirs, ours = differing(self._publisher.settings, own), differing(own, self._publisher.settings)
+        if theirs:
+            logger.warning(
+                "%s/%s: %s set %s over the network, in place of %s. To give it up: \"Return to the vehicle's own\" on "
+                "the page, or DELETE /api/v1/streams/%s/%s/settings at the server",
+                keys.vehicle, keys.sensor, self._by, theirs, ours, keys.vehicle, keys.sensor,
+            )  # fmt: skip
+        else:
+            logger.warning("%s/%s: %s gave the command line's settings back", keys.vehicle, keys.sensor, self._by)
 
     def _keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
         merged = self._publisher.request_key()
@@ -105,3 +144,16 @@ class Desk:
             error = TooOftenError(what, retry_s)
             self._once.add(cause, error)
             raise error
+
+
+def differing(settings: StreamSettings, others: StreamSettings) -> str:
+    """The settings that differ from others, as on a command line.
+
+    >>> differing(StreamSettings(codec="raw", target_kbps=None), StreamSettings(target_kbps=800))
+    'codec=raw target_kbps=null'
+    """
+    ours, theirs = settings.model_dump(), others.model_dump()
+    found = {name: value for name, value in ours.items() if value != theirs[name]}
+    return " ".join(
+        f"{name}={value if isinstance(value, str) and value else json.dumps(value)}" for name, value in found.items()
+    )

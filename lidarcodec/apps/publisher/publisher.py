@@ -364,6 +364,7 @@ class Publisher:
             while True:
                 self._tell_now.wait(STATUS_S)
                 self._tell_now.clear()
+                self._desk.tell()
                 ended = self._done.is_set()
                 sender.put(self._board.packed(self.status()))
                 if ended:

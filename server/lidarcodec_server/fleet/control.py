@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from lidarcodec.apps.control import asked_by
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.ratecontrol.image_curve import ImageKind
 from lidarcodec.settings import StreamSettings
@@ -40,6 +41,8 @@ OTHERS = "somebody else"
 """Name in the audit log for changes of a vehicle's settings that this server did not send."""
 SERVER = "server"
 """Name in the audit log when this server sent the operators' settings to a vehicle that came back."""
+KEEPS = "the server (it keeps what operators set)"
+"""Who asks then; the vehicle says it in its terminal."""
 TURN_S = 10.0
 """Longest wait of a change for earlier ones."""
 GET_S = 1.0
@@ -173,7 +176,7 @@ class Control:
             try:
                 if alive and keys in self._resets:  # it is back, and its settings were deleted while it was away
                     self._reset(keys)
-                applied = self._send(keys, wanted) if alive else None
+                applied = self._send(keys, wanted, who) if alive else None
             except RefusedError as error:
                 self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
                 raise
@@ -202,20 +205,20 @@ class Control:
                 entered()
                 self._refusals.pop(keys, None)
                 self._rivals.forget(keys)
-                applied = self._reset(keys)
+                applied = self._reset(keys, who)
                 self._finish(keys, entry, applied)
                 if applied is None:
                     self.look_after(keys, AGAIN_S)
         return self.state(keys)._replace(first_frame=None if applied is None else applied.first_frame)
 
-    def _reset(self, keys: StreamKeys) -> Applied | None:
+    def _reset(self, keys: StreamKeys, who: str = KEEPS) -> Applied | None:
         """Have a vehicle return to the settings of its command line; None if it is away, or does not answer."""
         self._resets.add(keys)
         stream = self._fleet.get(keys)
         if stream is None or not stream.alive:
             return None
         try:
-            applied = self._result(keys, self._ask(keys.control_reset, {}, self._answer_s))
+            applied = self._result(keys, self._ask(keys.control_reset, asked_by(who), self._answer_s))
         except RefusedError as error:  # its own settings cannot be used now, for example without a process for a codec
             self._warnings.warning("%s cannot return to its own settings yet: %s", keys.prefix, error)
             return None
@@ -354,12 +357,12 @@ class Control:
 
     # --- queries to vehicles ----------------------------------------------------------------------------------------
 
-    def _send(self, keys: StreamKeys, wanted: dict[str, Any]) -> Applied | None:
+    def _send(self, keys: StreamKeys, wanted: dict[str, Any], who: str = KEEPS) -> Applied | None:
         """The vehicle's answer to a change, None if none came.
 
         Raises RefusedError.
         """
-        return self._result(keys, self._ask(keys.control_set, wanted, self._answer_s))
+        return self._result(keys, self._ask(keys.control_set, wanted | asked_by(who), self._answer_s))
 
     def _result(self, keys: StreamKeys, answer: dict[str, Any] | None) -> Applied | None:
         """What a vehicle answered to a change, None if it did not.
