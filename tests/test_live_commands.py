@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.commands.publish.command import say_begun
+from lidarcodec.commands.publish.command import say_begun, too_much
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints
 from tests import packets as made
@@ -279,3 +279,22 @@ def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatc
     monkeypatch.setattr("sys.stderr", stream := Terminal())
     say_begun(["car-7/roof"], Endpoints(connect=("tcp/127.0.0.1:7447",)), waits=True)
     assert "begins when there is a receiver" in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("target", "codec", "encode_ms", "arrive_ms", "told"),
+    [
+        (800, "auto", 200.0, 90.0, "encoding, 200 ms a frame"),
+        (800, "riddle", 200.0, None, "encoding, 200 ms a frame: choose a quicker codec, or auto"),
+        (800, "auto", 20.0, 90.0, "waiting for the link, 90 ms a message: lower target_kbps"),
+        (None, "pcodec", 2.0, 900.0, "waiting for the link, 900 ms a message: --link 1mbit sends less"),
+    ],
+)
+def test_advice_names_what_is_slow_and_not_what_is_done_already(target, codec, encode_ms, arrive_ms, told):
+    settings = {"target_kbps": target, "codec": codec}
+    times = {"encode_ms": {"mean": encode_ms}, "flight": {"arrive_ms": {"mean": arrive_ms}}}
+    assert (
+        too_much({"frames": 10, "replaced": 30, "settings": settings, **times})
+        == f"; most of the time went into {told}"
+    )
+    assert too_much({"frames": 10, "replaced": 5, "settings": settings, **times}) == ""

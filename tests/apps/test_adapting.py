@@ -78,14 +78,16 @@ def test_frames_left_out_make_it_take_a_smaller_share():
     assert target_of(encoder) < 0.5 * 8000
 
 
-def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog):
+@pytest.mark.parametrize("target", ["auto", 800])
+def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog, target):
     _, adapting, send = path(8000.0)
-    encoder = StreamEncoder(StreamSettings(target_kbps="auto"))
+    encoder = StreamEncoder(StreamSettings(target_kbps=target))
     with caplog.at_level(logging.INFO, "lidarcodec.apps.publisher.adapting"):
         for arrives in (True, False, False, False, True, True):
             send(40_000, arrives=arrives)
-            adapting.aim(encoder, 0)
+            adapting.aim(encoder, 0, automatic=target == "auto")
     assert ["did not arrive" in record.message for record in caplog.records] == [True, False]
+    assert ("automatic bitrate" in caplog.text) == (target == "auto"), "a fixed target does not fall"
     assert adapting.report()["cautious"]
 
 

@@ -41,8 +41,11 @@ class Adapting:
         self._switches = self._replaced = 0
         self._stalled = False
 
-    def aim(self, encoder: Aimed, replaced: int) -> None:
-        """Set the encoder's bitrate before a frame. replaced: number of frames replaced so far"""
+    def aim(self, encoder: Aimed, replaced: int, *, automatic: bool = True) -> None:
+        """Set the encoder's bitrate before a frame. replaced: number of frames replaced so far
+
+        automatic: whether the target is `auto`; otherwise the encoder keeps its own
+        """
         landings = self._flight.landings()
         switched, self._switches = self._flight.switches != self._switches, self._flight.switches
         with self._lock:
@@ -51,7 +54,7 @@ class Adapting:
             for landing in landings:
                 left_out, self._replaced = replaced - self._replaced, replaced
                 self._state, _ = adapted(self._state, landing._replace(replaced=left_out))
-                self._tell(landing)
+                self._tell(landing, automatic=automatic)
             encoder.aim(target_kbps(self._state))
 
     def report(self) -> dict[str, Any]:
@@ -65,7 +68,7 @@ class Adapting:
             "cautious": state.caution_s > 0.0,
         }
 
-    def _tell(self, landing: Landing) -> None:
+    def _tell(self, landing: Landing, *, automatic: bool) -> None:
         """Log one line when messages stop arriving, and one when they arrive again."""
         if landing.landed != self._stalled:
             return
@@ -73,9 +76,12 @@ class Adapting:
         if self._stalled:
             long = landing.send_s >= LIMIT_S  # shorter ones are lost messages, counted as `timeouts`
             level = logging.WARNING if long else logging.DEBUG
-            logger.log(level, "a message did not arrive within %.1f s: the automatic bitrate falls", landing.send_s)
-        else:
+            then = "the automatic bitrate falls" if automatic else "meanwhile newer frames replace older ones"
+            logger.log(level, "a message did not arrive within %.1f s: %s", landing.send_s, then)
+        elif automatic:
             logger.info("messages arrive again: the automatic bitrate rises, slowly for the first %.0f s", CAUTION_S)
+        else:
+            logger.info("messages arrive again")
 
 
 __all__ = ["Adapting", "Aimed"]

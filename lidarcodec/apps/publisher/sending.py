@@ -20,7 +20,7 @@ from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.transport.base import Sender
 from lidarcodec.wire import checksum_of, pack
 
@@ -155,7 +155,8 @@ class Sending:
                 self.next_index = frame.index + 1
                 if key:
                     self._key_wanted.clear()
-                self.adapting.aim(self._encoder, self._feed.replaced)
+                automatic = self._encoder.settings.target_kbps == AUTO
+                self.adapting.aim(self._encoder, self._feed.replaced, automatic=automatic)
                 messages = self._encoder.encode(frame, key=key)
                 encoded, settings = self._encoder.reduced or frame, self._encoder.settings
                 left_out, refinable = self._encoder.left_out, self._encoder.refinable

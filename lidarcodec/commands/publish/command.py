@@ -22,6 +22,7 @@ from lidarcodec.commands.unkept import check_recorded, say_unkept
 from lidarcodec.errors import SettingsError
 from lidarcodec.network.shelf import look_in
 from lidarcodec.ratecontrol.presets import preset
+from lidarcodec.settings import AUTO
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.transport import Endpoints, party_of
@@ -202,6 +203,13 @@ def too_much(status: dict[str, Any]) -> str:
     """What to do where most frames were replaced by newer ones; an empty text where few were."""
     if status["frames"] == 0 or status["replaced"] <= status["frames"]:
         return ""
-    if status["settings"]["target_kbps"] is not None:
-        return "; the link, or this processor, carries less than that: choose a lower target_kbps, or a quicker codec"
-    return "; the link, or this processor, carries less than the sensor sends: --link 1mbit sends less"
+    encoding, sending = (_mean_ms(times) for times in (status["encode_ms"], status["flight"]["arrive_ms"]))
+    if encoding > sending:
+        slow = f"; most of the time went into encoding, {encoding:.0f} ms a frame"
+        return slow + (": choose a quicker codec, or auto" if status["settings"]["codec"] != AUTO else "")
+    waits = f"; most of the time went into waiting for the link, {sending:.0f} ms a message: "
+    return waits + ("--link 1mbit sends less" if status["settings"]["target_kbps"] is None else "lower target_kbps")
+
+
+def _mean_ms(times: dict[str, Any]) -> float:
+    return float(times["mean"] or 0.0)
