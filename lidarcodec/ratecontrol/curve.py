@@ -15,6 +15,7 @@ fixed. Along a curve with more bits, distances, errors of intensity and the step
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -34,6 +35,8 @@ Floats = npt.NDArray[np.float64]
 
 RETURNS_A_SECOND: Final = 1_100_000
 """Returns of a frame of an HDL-64E in a street, with single returns."""
+NEXT_STEP: Final = 1.04
+"""Steps of `steps_between` are at least this factor apart."""
 COARSEST_M: Final = 0.3
 """Largest range error of automatic choices; for a codec without a bound the largest RMSE."""
 COARSEST_RMSE_M: Final = 0.2
@@ -61,8 +64,8 @@ class WorkingPoint(NamedTuple):
 class Pins(NamedTuple):
     """Pinned values; None: free.
 
-    step: step of the lattice; levels: levels of intensity; bound_m: largest error bound; value: knob of a codec without
-    a bound; sparse: whether a reducer chooses the returns, unlike in the measurement of the points
+    step: step of the lattice; levels: levels of intensity; bound_m: the error bound, used in full; value: knob of a
+    codec without a bound; sparse: whether a reducer chooses the returns, unlike in the measurement of the points
     """
 
     step: int | None = None
@@ -160,6 +163,8 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
         pins = pins._replace(levels=0)
     thinned = pins.purpose != "localise" or pins.step is None
     entry = points_of(codec, pins.purpose if thinned else "look")
+    if pinned_bound(entry, pins.bound_m) is not None:
+        entry = with_more_steps(entry)
     values, grids = fine_values(entry, codec, pins.bound_m)
     steps = np.array(entry["steps"])
     levels = np.array(entry["levels"])
@@ -184,8 +189,13 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
     found = np.array([np.concatenate(column) for column in zip(*parts, strict=True)])
     cost = found[6] + missed(found[7])
     kept = chain(found[3] + found[4] + found[5], cost, found[[0, 6, 7]])
+    own = pinned_bound(entry, pins.bound_m)
     points = tuple(
-        WorkingPoint(pins.step or int(step), float(value), int(level) if pins.levels is None else pins.levels)
+        WorkingPoint(
+            pins.step or int(step),
+            float(value) if own is None else own,
+            int(level) if pins.levels is None else pins.levels,
+        )
         for step, value, level in found[:3, kept].T
     )
     ranges, intensity, rest, chamfer_m, rmse = found[3:, kept]
@@ -199,12 +209,47 @@ def missed(rmse: Floats) -> Floats:
     return missed
 
 
+def pinned_bound(entry: dict[str, Any], bound_m: float | None, range_step_m: float = RANGE_STEP_M) -> float | None:
+    """The value of the knob of a pinned bound: in whole steps of the range, and at most COARSEST_M, because coarser
+    pictures are false. None without one, or another knob."""
+    if bound_m is None or entry["knob"] != BOUND:
+        return None
+    return round((step_of(min(bound_m, COARSEST_M), range_step_m) - 1) // 2 * range_step_m, 4)
+
+
+def steps_between(steps: Sequence[int]) -> list[int]:
+    """The steps, and whole ones between them. Where the bound is pinned only steps change the bits by much, and a
+    stream would alternate between two that are far apart.
+
+    >>> steps_between([1, 2, 3, 16, 24])
+    [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24]
+    """
+    found = [steps[0]]
+    for step in range(steps[0] + 1, steps[-1] + 1):
+        if step in steps or step >= NEXT_STEP * found[-1]:
+            found.append(step)
+    return found
+
+
+def with_more_steps(entry: dict[str, Any]) -> dict[str, Any]:
+    """Measured points with those of `steps_between`, interpolated over the logarithm of the step."""
+    steps = steps_between(entry["steps"])
+    at, measured = np.log(np.array(steps, float)), np.log(np.array(entry["steps"], float))
+    more: dict[str, Any] = {"steps": steps}
+    for name in ("range_bits", "rest_bits", "chamfer_m", "rmse_m", "intensity_bits", "intensity_rmse"):
+        table_of = np.array(entry[name], float).reshape(len(measured), -1)
+        columns = [np.interp(at, measured, column) for column in table_of.T]
+        more[name] = np.array(columns).T.reshape(len(steps), *np.shape(entry[name])[1:])
+    return {**entry, **more}
+
+
 def fine_values(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Floats, dict[str, Floats]]:
     """Values of the knob between the measured ones, including a pinned bound, and the grids interpolated at them."""
     knob = table.codec(codec).knob
     assert knob is not None
     places: Floats = np.array(knob.places(entry["values"]))
-    own = () if bound_m is None or knob.setting != BOUND else ((step_of(bound_m) - 1) // 2 * RANGE_STEP_M,)
+    bound = pinned_bound(entry, bound_m)
+    own = () if bound is None else (bound,)
     all_values = np.unique([*knob.values, *own])[:: -1 if knob.setting != "quality" else 1]
     all_places = np.array(knob.places(all_values.tolist()))
     inside = (all_places >= places[0] - 1e-9) & (all_places <= places[-1] + 1e-9)
@@ -219,15 +264,19 @@ def fine_values(entry: dict[str, Any], codec: str, bound_m: float | None) -> tup
 
 
 def allowed_values(entry: dict[str, Any], values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
-    """(steps, values) bool, points within the limits of automatic choices; the finest value is always allowed."""
+    """(steps, values) bool, points within the limits of automatic choices; the finest value is always allowed. A pinned
+    bound is used in full: a finer one would take bits from columns and intensities, which are not pinned."""
     if entry["knob"] != BOUND:
         fine = rmse <= (SPARSE_RMSE_M if pins.sparse else COARSEST_RMSE_M)
         if pins.value is not None:
             fine = np.zeros_like(fine)
             fine[:, np.abs(values - pins.value).argmin()] = True
     else:
-        bound_m = COARSEST_M if pins.bound_m is None else pins.bound_m
         steps = np.array([step_of(value) for value in values])
-        fine = np.broadcast_to(steps <= step_of(bound_m), rmse.shape).copy()
+        if pins.bound_m is None:
+            chosen = steps <= step_of(COARSEST_M)
+        else:
+            chosen = np.arange(len(values)) == np.abs(np.log(steps / step_of(min(pins.bound_m, COARSEST_M)))).argmin()
+        fine = np.broadcast_to(chosen, rmse.shape).copy()
     fine[:, -1] |= ~fine.any(axis=1)
     return fine

@@ -42,6 +42,7 @@ from lidarcodec.ratecontrol.curve import (
     fine_values,
     missed,
     points_of,
+    steps_between,
 )
 from lidarcodec.sensors.images import QUANTITIES
 from lidarcodec.settings import step_of
@@ -132,7 +133,8 @@ def image_curve(codec: str, pins: Pins, kind: ImageKind) -> Curve:
     elif chosen:  # a localiser needs so many returns, whatever the sensor
         steps = np.unique(np.maximum(np.rint(measured / wider), 1.0))
     else:
-        steps = measured[(measured * wider <= BEYOND * measured[-1]) | (measured == measured[0])]
+        steps = measured if pins.bound_m is None else np.array(steps_between(entry["steps"]), float)
+        steps = steps[(steps * wider <= BEYOND * measured[-1]) | (steps == measured[0])]
     if pins.purpose == "archive":
         steps = steps[:1]
     levels = np.array(_attributes()["levels"])
@@ -185,9 +187,14 @@ class _Grid:
             self._places = -np.log(2.0 * (np.array(entry["values"]) / RANGE_STEP_M) + 1.0)
 
     def values(self, like: float, kind: ImageKind, pins: Pins) -> Floats:
-        """(N,) values of the knob to choose among, from the coarsest. A quality has the same error for every sensor."""
+        """(N,) values of the knob to choose among, from the coarsest; a pinned one alone. A quality
+        has the same error for every sensor."""
         if self._bound:
-            return _values(kind.range_step_m, pins.bound_m)
+            return (
+                _values(kind.range_step_m, None)
+                if pins.bound_m is None
+                else _values(kind.range_step_m, min(pins.bound_m, COARSEST_M))[:1]
+            )
         values, grids = fine_values(self._entry, self._codec, None)
         nearest = int(np.abs(self._steps - like).argmin())
         found: Floats = values[allowed_values(self._entry, values, grids["rmse_m"], pins)[nearest]]

@@ -29,13 +29,18 @@ SURE: Final = 0.8
 LOWERS: Final = 0.95
 """A setting prevents a target if leaving it free reduces the needed bitrate below this share."""
 
+FEW_COLUMNS: Final = 8
+"""Where only every so-manieth column is sent, or fewer, it is said which settings are the reason."""
+
 
 class ReachWarning(NamedTuple):
     """Why a target is not reached.
 
-    code:     for programs: `target_out_of_reach` (expected), `target_missed` or `frames_left_out` (measured)
+    code:     for programs: `target_out_of_reach` (expected), `target_missed`, `frames_left_out` or `columns_left_out`
+              (measured)
     message:  what is wrong;  remedy: what to do;  settings: names of the settings that prevent it
-    asked_kbps, sent_kbps, needed_kbps: the target, the mean of five seconds, the bitrate of all frames; None: unknown
+    asked_kbps, sent_kbps, needed_kbps: the target, the mean of five seconds, the bitrate of all frames, or of all
+              columns with `columns_left_out`; None: unknown
     """
 
     code: str
@@ -102,7 +107,8 @@ def reach_warning(settings: StreamSettings, images: ImageKind | None = None) -> 
 def missed_warning(
     settings: StreamSettings, rate: Mapping[str, Any] | None, images: ImageKind | None = None
 ) -> ReachWarning | None:
-    """The warning for a stream that misses its target, or reaches it only by skipping frames; otherwise None.
+    """The warning for a stream that misses its target, or reaches it only by skipping frames or, because of pinned
+    settings, most columns; otherwise None.
 
     rate: the field `rate` of a status with these settings; its fields may be missing. None: no status yet
     images: as in `least_kbps`
@@ -125,8 +131,55 @@ def missed_warning(
         code = "frames_left_out"
         message = f"the {_kbps(asked)}{path} do not carry every frame: {needed:,.0f} are needed{because}"
     else:
-        return None
+        return _few_columns(settings, rate, images)
     return ReachWarning(code, message, _remedy(settings, names, needed, images), names, asked, sent, needed)
+
+
+def _few_columns(settings: StreamSettings, rate: Mapping[str, Any], images: ImageKind | None) -> ReachWarning | None:
+    """The warning that few columns are sent, if twice as many would be without some pinned setting."""
+    step, asked, least = rate.get("step"), rate["target_kbps"], least_kbps(settings, images)
+    if not isinstance(step, int) or step < FEW_COLUMNS or settings.reduction != AUTO or not least:
+        return None
+    scene = rate["reachable_kbps"][0] / least
+    pins = [name for name in pinned(settings) if name != "purpose"]
+
+    def then(names: list[str]) -> int:
+        return _step_at(_freed(settings, names), asked / scene, images)
+
+    names = [name for name in pins if 2 * then([name]) <= step]
+    names = names or (pins if pins and 2 * then(pins) <= step else [])
+    if not names:
+        return None
+    of = _listed(tuple(names))
+    path = " that the path carries" if settings.target_kbps == AUTO else ""
+    message = f"the {_kbps(asked)}{path} carry only every {_ordinal(step)} column with {of} as set"
+    every = then(names)
+    remedy = f"set {of} back, then " + ("all columns are" if every == 1 else f"about every {_ordinal(every)} column is")
+    all_of = (least_kbps(settings.changed(reduction="all"), images) or 0.0) * scene
+    needed = round(all_of, 1) or None
+    instead = ", or use a better path" if path else f", or set a higher target: all columns take {all_of:,.0f} kbit/s"
+    return ReachWarning(
+        "columns_left_out", message, f"{remedy} sent{instead}", tuple(names), asked, rate.get("kbps_5s"), needed
+    )
+
+
+def _step_at(settings: StreamSettings, kbps: float, images: ImageKind | None) -> int:
+    """The predicted step of the lattice at a bitrate."""
+    settings = without_auto(settings, None if images is None else KINDS)
+    pins = pins_of(settings)
+    curve = operating_curve(settings.codec, pins) if images is None else image_curve(settings.codec, pins, images)
+    per_s = RETURNS_A_SECOND if images is None else images.returns_per_s
+    within = int((curve.bits * per_s / 1e3 <= kbps).sum())
+    return curve.points[max(within - 1, 0)].step
+
+
+def _ordinal(number: int) -> str:
+    """
+    >>> _ordinal(2), _ordinal(12), _ordinal(23)
+    ('2nd', '12th', '23rd')
+    """
+    teens = 10 < number % 100 < 20
+    return f"{number}{'th' if teens else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
 
 
 def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:

@@ -21,8 +21,8 @@ class WarningAnswer(BaseModel):
     """Why a target bitrate is not reached, and what to do."""
 
     code: str = Field(
-        description="For programs. `target_out_of_reach`: expected from the settings. `target_missed` and "
-        "`frames_left_out`: measured."
+        description="For programs. `target_out_of_reach`: expected from the settings. `target_missed`, "
+        "`frames_left_out` and `columns_left_out` (pinned settings cost most columns): measured."
     )
     message: str
     remedy: str
@@ -32,7 +32,7 @@ class WarningAnswer(BaseModel):
     )
     asked_kbps: float | None = Field(default=None, description="The target.")
     sent_kbps: float | None = Field(default=None, description="Mean over five seconds; null before anything was sent.")
-    needed_kbps: float | None = Field(default=None, description="Bitrate that all frames would need.")
+    needed_kbps: float | None = Field(default=None, description="Bitrate that all frames would need, or all columns.")
 
     @classmethod
     def several(cls, warning: ReachWarning | None) -> list[WarningAnswer]:

@@ -27,8 +27,8 @@ from lidarcodec.ratecontrol.controller import (
     retargeted,
     surprised,
 )
-from lidarcodec.ratecontrol.curve import operating_curve
-from lidarcodec.settings import StreamSettings
+from lidarcodec.ratecontrol.curve import Pins, operating_curve
+from lidarcodec.settings import StreamSettings, step_of
 
 PACKETS, SECONDS = 348, 0.1002
 TRACES = Path(__file__).parent / "traces.json"
@@ -169,12 +169,12 @@ def test_a_target_in_reach_again_is_kept_at_once() -> None:
 
 @pytest.mark.parametrize("codec", ["zstd", "pcodec"])
 @pytest.mark.parametrize("bound", [0.0, 0.001, 0.01, 0.0333, 0.3])
-def test_a_bound_leaves_no_coarser_level(codec: str, bound: float) -> None:
-    levels = values(plan_of(codec, 500, max_error_m=bound))
-    steps = [StreamSettings(max_error_m=level).step for level in levels]
-    assert steps[0] == StreamSettings(max_error_m=bound).step
-    assert steps[-1] == 1
-    assert steps == sorted(steps, reverse=True)
+def test_a_pinned_bound_is_used_in_full(codec: str, bound: float) -> None:
+    """A finer one takes the bits of columns: at 1,000 kbit/s 4 mm in place of 1 cm, and every 12th column."""
+    curve = operating_curve(codec, Pins(bound_m=bound))
+    assert {step_of(point.value) for point in curve.points} == {step_of(bound)}
+    steps = [point.step for point in curve.points]
+    assert set(steps) > {1, 7, 24}, "columns are what gives, also between those that were measured"
 
 
 def video_plan(target_kbps: float) -> Plan:

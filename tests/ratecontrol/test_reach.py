@@ -61,6 +61,25 @@ def test_a_target_that_is_kept_by_leaving_out_frames_is_said_so():
     assert floor.remedy.endswith("or set a target of 800 kbit/s or more")
 
 
+def test_settings_that_cost_most_columns_are_named():
+    """A picture of every 13th column came without a word of what had made it so."""
+    pins = StreamSettings(codec="pcodec", target_kbps=1000, max_error_m=0.01, intensity="lossless")
+    told = rate(target_kbps=1000.0, kbps_5s=1000.0, limited_by="target", reachable_kbps=[640.0, 8400.0], step=13)
+    few = missed_warning(pins, told)
+    assert few is not None
+    assert (few.code, few.settings) == ("columns_left_out", ("max_error_m", "intensity")), "neither alone is enough"
+    assert few.message == "the 1,000 kbit/s carry only every 13th column with max_error_m and intensity as set"
+    assert few.remedy.startswith("set max_error_m and intensity back, then about every 4th column is sent, or set a ")
+    assert few.needed_kbps is not None
+    assert few.needed_kbps > 8000
+    one = missed_warning(pins, told | {"step": 16})
+    assert one is not None
+    assert one.settings == ("intensity",)
+    assert missed_warning(pins, told | {"step": 6}) is None
+    free = StreamSettings(codec="pcodec", target_kbps=1000)
+    assert missed_warning(free, told | {"step": 16}) is None, "nothing was pinned"
+
+
 def test_a_path_that_carries_too_little_is_no_fault_of_the_target():
     auto = StreamSettings(codec="riddle", target_kbps="auto", intensity="lossless")
     assert missed_warning(auto, None) is None

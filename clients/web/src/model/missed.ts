@@ -9,6 +9,7 @@ const EXPECTED = "target_out_of_reach";
 const HEADS: Record<string, string> = {
   target_missed: "Target missed",
   frames_left_out: "Frames are left out",
+  columns_left_out: "Most columns are left out",
   target_out_of_reach: "Target out of reach",
 };
 

@@ -83,7 +83,10 @@ function Row({ row }: { row: FleetRow }) {
               {row.kbps === null ? "no receiver" : `${kbps(row.kbps)}${target === null ? "" : ` / ${kbps(target)}`}`}
               {row.kbps !== null && <span class="unit"> kbit/s</span>}
             </span>
-            <span title="Median latency, from a frame's last packet to the decoded frame">{ms(row.latency_ms)}</span>
+            <span title="Median time from a frame's last packet until the receiver that is followed, often the server, has decoded it. The way to this page and drawing are not in it">
+              {ms(row.latency_ms)}
+              <span class="unit"> until decoded</span>
+            </span>
             <span title="Frames replaced by newer ones before they were sent">
               {count(row.replaced)}
               <span class="unit"> replaced</span>

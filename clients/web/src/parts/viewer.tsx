@@ -164,8 +164,8 @@ function Footer({ told }: { told: ViewStats | null }) {
       <span>
         {told ? told.fps.toFixed(0) : "–"} <i>frames/s</i>
       </span>
-      <span>
-        {ms(told?.age_ms)} <i>delay</i>
+      <span title="Age of the frame when this page drew it, counted from its last packet. In the fleet list the time ends earlier, when the frame is received and decoded; the rest is the way to this page, and drawing.">
+        {ms(told?.age_ms)} <i>until drawn</i>
       </span>
       <span>
         <i>frame</i> {told?.frameIndex ?? "–"}
