@@ -6,6 +6,7 @@ import logging
 from itertools import chain
 from pathlib import Path
 
+from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
@@ -53,8 +54,9 @@ def run(
     """
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
-    frames, skip = selection.frames, selection.skip
+    frames = selection.frames
     encoder = _encoder(codec, pairs, learn)
+    short = ShortTurns("turn" if encoder.settings.framing == "revolution" else "frame")
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
     check_free(out, force=force)
@@ -79,7 +81,7 @@ def run(
         )
         # A signal ends a live source; the packets received so far are the last frame.
         watched = Watched(cut, (lambda: False) if source.live else stopped)
-        chosen = selection.of(watched)
+        chosen = short.watched(selection.of(watched))
         first = next(chosen, None)
         if first is None and stopped():
             raise remaining.stopped(out, None, 0)
@@ -107,10 +109,10 @@ def run(
         part = frames is not None and stopped() and coded.frames < frames if source.live else watched.cut
         if part:
             output.only_part()
-    say_unkept(source.label, source.counts)
+    say_unkept(source.label, source.counts, short)
     _tell(output.kept or out, coded, as_json)
     if part:
-        raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)
+        raise remaining.stopped(out, output.kept, coded.frames, skip=selection.skip, frames=frames, live=source.live)
     if unfit is not None:
         raise SourceError(f"{left_out} frames of another sensor were left out: {unfit}")
     missed = missed_target(encoder.settings, coded)

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.sources.unkept import unkept
@@ -16,11 +17,16 @@ log = logging.getLogger(__name__)
 HOLDS_POSITIONS = ".pcap"
 
 
-def say_unkept(label: str, counts: Counter[str]) -> None:
-    """Warn about data of a source that was not kept, or that it could not give. No warning if there is none."""
+def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None) -> None:
+    """Warn about data of a source that was not kept, or that it could not give. No warning if there is none.
+
+    short: turns of it that lack columns
+    """
     left = unkept(counts)
     if left is not None:
         log.warning("%s: not kept: %s", label, left)
+    if short is not None and (text := short.text()):
+        log.warning("%s: packets are missing in it: %s", label, text)
 
 
 def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:

@@ -107,6 +107,8 @@ def compared(
         "layers": {name: recorded.layers[name] for name in LAYERS} if recorded.layers else None,
         "settings": None if settings is None else settings.model_dump(mode="json"),
         "changed": changed_since_the_start(settings, comparison),
+        "short_turns": sum(row.missing > 0 for row in comparison.short.rows()),
+        "source_lacks": comparison.short.text(),
         "broken": broken,
     }
 
@@ -151,6 +153,7 @@ def _text(result: dict[str, Any]) -> str:
         f"returns          {result['points']:,}, {result['lost']:,} lost, {result['invented']:,} invented"
         + (f", {result['left_out']:,} left out by the reduction" if result["left_out"] else ""),
         *([_layers_text(result["layers"])] if result["layers"] else []),
+        *([f"source           {result['source_lacks']}"] if result["source_lacks"] else []),
         *(f"changed          {text}" for text in result["changed"]),
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]

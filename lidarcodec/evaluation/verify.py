@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from lidarcodec.assembly import packets_of
+from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.codecs import table
 from lidarcodec.codecs.pictures import split_head
 from lidarcodec.errors import SourceError
@@ -259,6 +260,7 @@ class Comparison:
     positions: comparison of the position packets
     points: errors of the points of clouds
     others: what else is not as promised, in words -> number of frames
+    short: turns that lack columns already in the source
     """
 
     frames: int = 0
@@ -275,6 +277,7 @@ class Comparison:
     positions: PositionComparison = field(default_factory=PositionComparison)
     points: CloudErrors = field(default_factory=CloudErrors)
     others: Counter[str] = field(default_factory=Counter)
+    short: ShortTurns = field(default_factory=ShortTurns)
 
     @property
     def packets_identical(self) -> bool:
@@ -304,6 +307,7 @@ class Comparison:
             self.differing += len(back) - same if promise.identical else 0
         if decoded.sensor.is_cloud:
             return self._compare_clouds(given, back, promise)
+        self.short.add(decoded)
         for original in frames_of(given, decoded.sensor, f"packets:{MAX_PACKETS}"):
             self._compare(original, decoded, promise)
         return None

@@ -11,6 +11,8 @@ from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
 
 KEY_WIDTH = 24
+SHOWN_ROWS = 20
+"""Most rows of a table in the text; JSON has all."""
 
 
 def run(source: str, message: int | None, calibration: Path | None, as_json: bool) -> None:
@@ -54,6 +56,7 @@ def lines_of(values: dict[str, Any], indent: str = "") -> list[str]:
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
     names = list(rows[0])
-    cells = [names, *([str(row[name]) for name in names] for row in rows)]
+    cells = [names, *([str(row[name]) for name in names] for row in rows[:SHOWN_ROWS])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    return lines + [f"and {len(rows) - SHOWN_ROWS} more: --json has all"] * (len(rows) > SHOWN_ROWS)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lidarcodec.assembly import Assembler
+from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.commands.info.explain import time_text
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.sources import is_endless
@@ -52,9 +53,11 @@ class _Totals:
         self.last_ns = 0
         self.layouts: Counter[str] = Counter()
         self.longest_gap_ns = 0
+        self.short = ShortTurns()
 
     def add(self, frame: Frame, fired_cells: int) -> None:
         side = frame.side
+        self.short.add(frame)
         self.frames += 1
         self.columns += frame.width
         self.points += frame.points
@@ -136,11 +139,41 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         **(
             {"return_mode": _return_mode(status, totals.layouts), "status": _status(status)} if sensor.is_hdl64e else {}
         ),
-        "noticed": dict(noticed),
+        **_short_turns(totals.short),
+        "noticed": dict(noticed + _missing(totals.short)),
     }
     if fidelity is not None:
         found["fidelity"] = [one.rounded() for one in fidelity]
     return found
+
+
+def _short_turns(found: ShortTurns) -> dict[str, Any]:
+    """Turns that lack columns, and what the sensor is set not to send; neither if there is none."""
+    rows = found.rows()
+    told = [
+        {
+            "turn": row.turn,
+            "columns": row.columns,
+            "missing": row.missing,
+            "gaps_deg": ", ".join(f"{begin:g} to {end:g}" for begin, end in row.gaps),
+            **({"turns_before": row.turns_before} if any(one.turns_before for one in rows) else {}),
+        }
+        for row in rows
+    ]
+    unsent = ", ".join(f"{begin:g} to {end:g} degrees of each turn" for begin, end in found.unsent())
+    return ({"not_sent": unsent} if unsent else {}) | ({"short_turns": told} if told else {})
+
+
+def _missing(found: ShortTurns) -> Counter[str]:
+    """What turns lack, among the irregularities that were noticed."""
+    rows = found.rows()
+    return Counter(
+        {
+            "turns that lack columns": sum(row.missing > 0 for row in rows),
+            "missing columns": sum(row.missing for row in rows),
+            "missing turns": sum(row.turns_before for row in rows),
+        }
+    )
 
 
 def _cells(frame: Frame) -> int:

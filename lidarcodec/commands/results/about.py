@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NotRequired
+from typing import Annotated, Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -17,6 +17,14 @@ class SourceInfo(TypedDict):
     calibration: Annotated[dict[str, str], "its `origin` and its `hash`"]
     packets: Annotated[int, "number of packets; position packets are counted apart"]
     frames: Annotated[float | int, "number of turns"]
+    short_turns: NotRequired[
+        Annotated[
+            list[dict[str, Any]],
+            "turns that lack columns, an object each: number of the `turn`, from 0; its `columns`; the columns "
+            "`missing`, and where (`gaps_deg`); whole turns missing before or in it (`turns_before`) if there are any",
+        ]
+    ]
+    not_sent: NotRequired[Annotated[str, "what the sensor does not send in any turn, as it is set"]]
 
 
 class RecordingInfo(TypedDict):

@@ -118,6 +118,8 @@ class Verified(TypedDict):
     ]
     settings: Annotated[dict[str, Any] | None, "settings in the recording; null if it has none"]
     changed: Annotated[list[Any], "settings that changed while it was recorded"]
+    short_turns: Annotated[int, "compared turns that lack columns already in the source"]
+    source_lacks: Annotated[str, "these turns, and whole turns that are missing, in a sentence; empty without any"]
     broken: Annotated[list[str], "promises that are broken, a sentence each; the exit code is 1 if there are any"]
 
 
