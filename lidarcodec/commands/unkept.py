@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.assembly.short_turns import ShortTurns
-from lidarcodec.errors import SourceError
+from lidarcodec.entropy import decode_positions
+from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Section, SectionType
 from lidarcodec.sources.unkept import unkept
+from lidarcodec.units import MAX_PACKETS
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +55,14 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
 def positions_in(frame: Frame) -> int:
     """Number of position packets in a frame."""
     return 0 if frame.side is None else len(frame.side.positions)
+
+
+def positions_of(section: Section) -> int:
+    """Number of position packets in a section of a message."""
+    try:
+        return len(decode_positions(section.data, MAX_PACKETS)) if section.type == SectionType.POSITION else 0
+    except DecodeError:
+        return 0
 
 
 def positions_text(out: Path, count: int) -> str:

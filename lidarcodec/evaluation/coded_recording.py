@@ -18,6 +18,7 @@ from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.settings import valid_name
+from lidarcodec.sources import PacketSource
 from lidarcodec.units import PACKET_INTERVAL_US, counted
 from lidarcodec.wire import pack
 
@@ -25,10 +26,10 @@ VEHICLE, SENSOR = "vehicle", "lidar"
 
 
 class Named(NamedTuple):
-    """The names in a recording: of the vehicle, and of its sensor."""
+    """The names that a recording is to have, of the vehicle and of its sensor; None: those of the source."""
 
-    vehicle: str = VEHICLE
-    sensor: str = SENSOR
+    vehicle: str | None = None
+    sensor: str | None = None
 
     @classmethod
     def of(cls, vehicle: str | None, sensor: str | None) -> Named:
@@ -36,7 +37,13 @@ class Named(NamedTuple):
 
         Raises SettingsError for a name that is not valid.
         """
-        return cls(valid_name(vehicle or VEHICLE, "vehicle"), valid_name(sensor or SENSOR, "sensor"))
+        given = ((vehicle, "vehicle"), (sensor, "sensor"))
+        return cls(*(None if name is None else valid_name(name, what) for name, what in given))
+
+    def known(self, source: PacketSource) -> tuple[str, str]:
+        """The names of a recording of this source: those given, those it has, or the usual ones."""
+        vehicle, sensor = source.names or (VEHICLE, SENSOR)
+        return self.vehicle or vehicle, self.sensor or sensor
 
 
 UNNAMED: Final = Named()
@@ -107,11 +114,11 @@ class CodedRecording:
         self._show(self._check.end())
         self._writer.close()
 
-    def summary(self) -> str:
-        """Numbers of frames and bytes, in a line."""
-        size = self.payload_bytes
+    def summary(self, again: int | None = None) -> str:
+        """Numbers of frames and bytes, in a line. again: bytes of the messages that were coded again, 0 if unknown"""
+        size, what = (self.payload_bytes, "packets") if again is None else (again, "messages")
         ratio = f", ratio {size / self.coded:.2f}" * (not self.left_out)  # else it would count what is not there
-        coded = f"{size:,} bytes of packets in {self.coded:,} bytes{ratio}"
+        coded = f"{size:,} bytes of {what} in {self.coded:,} bytes{ratio}" if size else f"{self.coded:,} bytes"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
         positions = f"{counted(self.positions, 'position packet')}, " * bool(self.positions)
         compared = f", all decoded again and compared{self.losses.text()}"

@@ -55,12 +55,14 @@ class PacketSource(Source):
     label:    description in one line
     poses:    poses of the sensor, if known
     mount:    where the sensor sits on its vehicle, if known
+    names:    of the vehicle and of its sensor, if the source has them
     start_ns: host time of the first packet, if known before it is read
     """
 
     label: str = ""
     poses: Poses | None = None
     mount: Mounting | None = None
+    names: tuple[str, str] | None = None
     start_ns: int | None = None
 
     def __init__(self, sensor: SensorModel, *, live: bool = False) -> None:

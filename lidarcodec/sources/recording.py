@@ -22,6 +22,7 @@ from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.layer_counts import LayerCounts
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import check_recognised, find_sensor, read_calibration
+from lidarcodec.settings import is_name
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
@@ -35,7 +36,8 @@ THINNED: Final = (SectionType.KEEP, SectionType.LATTICE)
 class RecordingSource(PacketSource):
     """Packets of a recording: its raw packets if it has any, otherwise decoded from its messages.
 
-    channel: "packets" or "messages", which of the two is read
+    channel: "packets" or "messages", which of the two is read;  topic: of the MCAP channel, None: the first
+    coded_bytes: of the messages and refinements that were read so far
     Counts: `truncated` (1 if the file was cut), `damaged`, `position packets`, `undecoded messages`, `missing
     references`, `frames without packets` (not made from packets), `not refined` (frames of two layers that are not
     refined whole), `thinned frames` (of which not all returns were sent).
@@ -50,7 +52,8 @@ class RecordingSource(PacketSource):
         Raises SourceError if this is no recording or has nothing that can be read, PacketError for packets of another
         sensor, CalibrationError.
         """
-        self.path, self._topic = path, topic
+        self.path, self.topic = path, topic
+        self.coded_bytes = 0
         raw = data_packets(self._raw(Counter(), warn=False))
         first = [] if channel == "messages" else list(islice(raw, SEARCHED_PACKETS))
         self.channel: Channel = "packets" if first else "messages"
@@ -61,6 +64,7 @@ class RecordingSource(PacketSource):
             raise SourceError(f"{path} has no frame that can be decoded{why}")
         super().__init__(_sensor(path, calibration, [packet.payload for packet in first], frame))
         self.start_ns = first[0].stamp_ns if first else frame.stamp_ns if frame else None
+        self.names = self._said_names()
         self.mount = self._said_mount() if frame is None or frame.mount is None else Mounting.of_matrix(frame.mount)
         self.label = f"recording {path.name}, {'raw packets' if first else 'decoded messages'}"
 
@@ -76,16 +80,23 @@ class RecordingSource(PacketSource):
 
     def _said_mount(self) -> Mounting | None:
         """The mounting in the texts of a recording of packets; None without one, and for a text that is none."""
-        with self._open() as file:
+        with self.opened() as file:
             text = RecordingReader(file, warn=False).metadata.get(MOUNT_TEXT)
         try:
             return None if text is None else Mounting.parse(text)
         except SettingsError:
             return None
 
+    def _said_names(self) -> tuple[str, str] | None:
+        """The names of vehicle and sensor in the texts; None without both."""
+        with self.opened() as file:
+            about = RecordingReader(file, warn=False).metadata
+        vehicle, sensor = about.get("vehicle", ""), about.get("sensor", "")
+        return (vehicle, sensor) if is_name(vehicle) and is_name(sensor) else None
+
     def span(self) -> tuple[int, int]:
         """Stamps in ns of the first and the last message or packet in the recording."""
-        with self._open() as file:
+        with self.opened() as file:
             found = RecordingReader(file, warn=False).span()
         return found or (self.start_ns or 0, self.start_ns or 0)
 
@@ -117,9 +128,9 @@ class RecordingSource(PacketSource):
             return []
 
     def _raw(self, counts: Counter[str], warn: bool = True, start_ns: int | None = None) -> Iterator[Packet]:
-        with self._open() as file:
+        with self.opened() as file:
             reader = RecordingReader(file, warn)
-            yield from reader.packets(start_ns, topic=self._topic)
+            yield from reader.packets(start_ns, topic=self.topic)
             _note(reader, counts)
 
     def _frames(
@@ -133,9 +144,9 @@ class RecordingSource(PacketSource):
 
         decoder, layers = StreamDecoder(), LayerCounts()
         refined: list[RefinedFrame] = []
-        with self._open() as file:
+        with self.opened() as file:
             reader = RecordingReader(file, warn)
-            messages = reader.messages(start_ns, topic=self._topic)
+            messages = self._counted(reader, start_ns)
             for message, frames in decoded(reader, messages, decoder.decode, fail, refined.append):
                 if frames:
                     if any(section.type in THINNED for section in message.sections):
@@ -147,7 +158,20 @@ class RecordingSource(PacketSource):
             yield from decoder.flush()
             _note(reader, counts)
 
-    def _open(self) -> IO[bytes]:
+    def _counted(self, reader: RecordingReader, start_ns: int | None) -> Iterator[tuple[int, bytes]]:
+        """The messages. Counts their bytes, and those of refinements."""
+        size = 0
+        for stamp_ns, data in reader.messages(start_ns, topic=self.topic):
+            size += len(data)
+            self.coded_bytes = size + reader.refinements.came_bytes
+            yield stamp_ns, data
+        self.coded_bytes = size + reader.refinements.came_bytes
+
+    def opened(self) -> IO[bytes]:
+        """The open file.
+
+        Raises SourceError if it cannot be opened.
+        """
         try:
             return open_regular(self.path)
         except OSError as error:

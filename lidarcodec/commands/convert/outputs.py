@@ -88,7 +88,7 @@ def open_output(
         return _Capture(handle)
     if wanted.form == "packets":
         said = {} if source.mount is None else {MOUNT_TEXT: str(source.mount)}
-        return _Packets(handle, wanted.named, {**about, **said})
+        return _Packets(handle, wanted.named.known(source), {**about, **said})
     return Bag(wanted, handle, source)
 
 
@@ -131,8 +131,8 @@ class _Packets:
 
     left_out = 0
 
-    def __init__(self, handle: BinaryIO, named: Named, about: Mapping[str, str]) -> None:
-        self._writer = RecordingWriter(handle, *named, None, about)
+    def __init__(self, handle: BinaryIO, names: tuple[str, str], about: Mapping[str, str]) -> None:
+        self._writer = RecordingWriter(handle, *names, None, about)
         self._batches = _Batches(self._writer.write_packets)
 
     def write(self, packet: Packet) -> None:

@@ -63,7 +63,7 @@ def run(wanted: Cut) -> None:
                 f"cut needs a recording of lidarcodec, and {wanted.source} is not one: use `lidarcodec convert` "
                 "with the same options"
             )
-        plan = planned(_units(reader), wanted.selection, wanted.every_ns)
+        plan = planned(units_of(reader), wanted.selection, wanted.every_ns)
         for number in range(1, len(plan.starts)):
             if wanted.name(number).exists() and not wanted.force:
                 raise SettingsError(f"{wanted.name(number)} exists: choose another name, or use --force", "force")
@@ -84,7 +84,7 @@ def run(wanted: Cut) -> None:
             return count
 
         copied = RecordingReader(handle, warn=False)
-        written, count = write(wanted, _numbered(copied, plan), write_part)
+        written, count = write(wanted, numbered(copied, plan), write_part)
     if damaged:
         log.warning("%s: copied as they are, though damaged: %s", wanted.source, counted(damaged, "message"))
     say(wanted, written, [], count, "messages", plan.earlier)
@@ -94,7 +94,8 @@ def _is_unit(channel: Channel) -> bool:
     return channel.encoding in (MESSAGE_ENCODING, PACKET_ENCODING)
 
 
-def _units(reader: RecordingReader) -> list[Unit]:
+def units_of(reader: RecordingReader) -> list[Unit]:
+    """The messages of frames and batches of packets of a recording, in the order of the file."""
     found = []
     for channel, stored in reader.everything():
         if channel.encoding == PACKET_ENCODING:
@@ -164,7 +165,7 @@ class _Held(NamedTuple):
     item: tuple[Channel, Stored]
 
 
-def _numbered(reader: RecordingReader, plan: Plan) -> Iterator[tuple[int, tuple[Channel, Stored]]]:
+def numbered(reader: RecordingReader, plan: Plan) -> Iterator[tuple[int, tuple[Channel, Stored]]]:
     """Every message that is copied, with the number of its part. Points and poses belong to the unit before them,
     refinements to their frame: those that come up to REACH units later go before the next part."""
     held: list[_Held] = []  # what begins the next parts

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.commands.info.explain import codec_name, explain, section_name, time_text
-from lidarcodec.entropy import decode_positions
+from lidarcodec.commands.unkept import positions_of
 from lidarcodec.errors import CalibrationError, DecodeError, SettingsError
 from lidarcodec.files.regular import open_regular
-from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.message import Message, SectionType
 from lidarcodec.planes.calibrations import peek_sensor
 from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.recording import RecordingReader
 from lidarcodec.sensors import find_sensor
 from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
-from lidarcodec.units import MAX_PACKETS
 from lidarcodec.wire import unpack
 
 SHOWN_MESSAGES = 20
@@ -49,7 +48,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 sizes: Counter[str] = Counter()
                 for section in message.sections:
                     sizes[section_name(section.type)] += len(section.data)
-                    coded_positions += _positions_in(section)
+                    coded_positions += positions_of(section)
                 sensor = sensor or _sensor_of(message)
                 sections += sizes
                 codecs[codec_name(message.codec)] += 1
@@ -120,14 +119,6 @@ def _sensor_seen_in(path: Path, payloads: list[bytes]) -> Described | None:
     except CalibrationError:
         sensor = find_sensor(None, None, payloads, found.model)
     return Described(sensor.name, sensor.model, sensor.rows)
-
-
-def _positions_in(section: Section) -> int:
-    """Number of position packets in a section."""
-    try:
-        return len(decode_positions(section.data, MAX_PACKETS)) if section.type == SectionType.POSITION else 0
-    except DecodeError:
-        return 0
 
 
 def explain_message(path: Path, number: int) -> dict[str, Any]:

@@ -21,7 +21,10 @@ class Converted(TypedDict):
     bytes: Annotated[int | None, "size of a file; null of a folder, a pipe or a device"]
     coded_bytes: NotRequired[Annotated[int, "of a recording: bytes of its messages"]]
     packet_bytes: NotRequired[Annotated[int, "of a recording: bytes of the packets that the messages hold"]]
-    ratio: NotRequired[Annotated[float, "of a recording: packet bytes divided by coded bytes"]]
+    source_coded_bytes: NotRequired[Annotated[int, "of a recording that was coded again: bytes of its messages"]]
+    ratio: NotRequired[
+        Annotated[float, "of a recording: packet bytes divided by coded bytes; of one coded again: source coded bytes"]
+    ]
     left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
     returns_percent: NotRequired[Annotated[float, "of a recording: returns of its frames that come back, in percent"]]
     largest_error_m: NotRequired[Annotated[float, "of a recording: largest error of a range, in metres"]]

@@ -55,11 +55,19 @@ PosesOf = Annotated[
 ]
 RecordedVehicle = Annotated[
     str | None,
-    Option("--vehicle", metavar="NAME", help="Name of the vehicle in the recording. Default: vehicle."),
+    Option(
+        "--vehicle",
+        metavar="NAME",
+        help="Name of the vehicle in the recording. Default: that of a recording, else vehicle.",
+    ),
 ]
 RecordedSensor = Annotated[
     str | None,
-    Option("--sensor", metavar="NAME", help="Name of the sensor in the recording. Default: lidar."),
+    Option(
+        "--sensor",
+        metavar="NAME",
+        help="Name of the sensor in the recording. Default: that of a recording, else lidar.",
+    ),
 ]
 CodecName = Annotated[str | None, Option("--codec", metavar="NAME", help="Name of the codec. Default: pcodec.")]
 Pairs = Annotated[
