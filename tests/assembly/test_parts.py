@@ -12,6 +12,7 @@ from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import WHOLE, Frame, Part
 from lidarcodec.packet import FirstPacket, Packet
 from lidarcodec.pipeline import frames_of
+from lidarcodec.side import SideInfo
 from tests.apps.streams import Loop
 from tests.contracts import frames
 
@@ -76,6 +77,46 @@ def test_what_came_of_a_turn_is_given_when_the_next_begins() -> None:
     assert given == [[], [0, 2], [], [], [3], [], []]  # 2 has lost 1 and is a piece of its own
     assert [turn.index for turn in joiner.flush()] == [6]
     assert joiner.flush() == []
+
+
+def parts_of(*given: Frame) -> list[Frame]:
+    """Frames as consecutive parts of a turn that does not end."""
+    return [frame.with_(index=index, part=Part(index > 0, True)) for index, frame in enumerate(given)]
+
+
+@pytest.mark.parametrize(
+    ("second", "sizes"),
+    [
+        ({"lattice": np.array([0, 5], np.uint16)}, [6, 6]),
+        ({"keep": np.ones((64, 6), np.bool_)}, [6, 6]),
+        ({"sensor": frames.sensor(5)}, [6, 6]),
+        ({"stamp_ns": 2**63 - 1}, [6, 6]),
+        ({"stamp_ns": -(2**63)}, [6, 6]),
+        ({"side": SideInfo.regular(packets=2048)}, [6, 6]),
+    ],
+)
+def test_a_part_that_fits_no_turn_ends_no_stream(second: dict[str, object], sizes: list[int]) -> None:
+    """A stranger on an open network, or a vehicle, would end every receiver of the stream with one message."""
+    one = frames.scene(1)
+    joiner, came = TurnJoiner(), []
+    for frame in parts_of(one, one.with_(**second)):
+        came += joiner.add(frame)
+    came += joiner.flush()
+    assert [frame.width for frame in came] == sizes
+    assert all(frame.part == WHOLE for frame in came)
+    (turn,) = [turn for frame in cut(packets(1), "parts:3") for turn in joiner.add(frame)]
+    assert turn.width == cut(packets(1), "revolution")[0].width
+
+
+def test_parts_without_end_take_no_more_room_than_a_turn() -> None:
+    joiner, came = TurnJoiner(), []
+    for frame in parts_of(*[frames.scene(1)] * 50):
+        came += joiner.add(frame)
+    assert [frame.width for frame in came] == [8 * 6] * 6
+    wide, joiner, came = frames.noise(2048).with_(side=None), TurnJoiner(), []
+    for frame in parts_of(*[wide] * 4):
+        came += joiner.add(frame)
+    assert [frame.width for frame in came] == [24576]
 
 
 def test_frames_of_different_sensors_are_no_turn() -> None:

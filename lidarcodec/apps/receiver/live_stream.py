@@ -344,11 +344,13 @@ class LiveStream:
 
     def _ended(self) -> None:
         """No more messages will come: send the last UDP packets, then end the iteration."""
-        for frame in [] if self._turns is None else self._turns.flush():
-            self._give(frame)
-        if self._udp is not None and not self._frames.closed:
-            self._udp.wait_sent(LAST_PACKETS_S)
-        self._frames.close()
+        try:
+            for frame in [] if self._turns is None else self._turns.flush():
+                self._give(frame)
+            if self._udp is not None and not self._frames.closed:
+                self._udp.wait_sent(LAST_PACKETS_S)
+        finally:
+            self._frames.close()
 
     def _notify(self) -> None:
         """Wake waiting coroutines."""

@@ -61,17 +61,17 @@ export class DecodingSource implements FrameSource {
       query: { window: "2" },
       ahead: false,
       take: (data, _, give, fail) => {
-        decoder.push(data).then(
-          ({ data: image, sensor }) => {
+        decoder
+          .push(data)
+          .then(({ data: image, sensor }) => {
             if (table === null || sensor.hash !== told) table = sensorTable(sensor);
             told = sensor.hash;
             give(parseFrame(image), table);
-          },
-          (error: unknown) => {
+          })
+          .catch((error: unknown) => {
             if (error instanceof DecodeFailure && error.code === "version") this.#elsewhere(error.message);
             else fail(error instanceof Error ? error : new Error(String(error)));
-          },
-        );
+          });
       },
       end: () => decoder.dispose(),
     };

@@ -1,5 +1,5 @@
 /** Frames on the graphics card: the newest, and the trail behind it. Textures are taken once and written over. */
-import { coverageOf, type RangeFrame } from "../stream/frame";
+import { coverageOf, isEmpty, type RangeFrame } from "../stream/frame";
 import { formats, Texture } from "./gl";
 
 /** Columns are taken by so many at once: their number changes from turn to turn. */
@@ -85,7 +85,7 @@ export class Layers {
 
   /** Show a frame, with so many turns behind it. */
   push(frame: RangeFrame, trail: number): void {
-    this.#coverage.unshift(coverageOf(frame));
+    this.#coverage.unshift(isEmpty(frame) ? (this.#coverage[0] ?? 1) : coverageOf(frame));
     const turn = framesOfTurn(this.#coverage);
     const wanted = turn * (1 + trail);
     this.#coverage.length = Math.min(this.#coverage.length, FRAMES_OF_TURN);

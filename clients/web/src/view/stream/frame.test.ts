@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
 import { message } from "../testing";
-import { coverageOf, FrameError, parseFrame } from "./frame";
+import { coverageOf, FrameError, isEmpty, parseFrame } from "./frame";
 
 describe("a message of the cloud socket", () => {
   test("becomes a frame whose arrays lie in the message itself", () => {
@@ -45,12 +45,20 @@ describe("a message of the cloud socket", () => {
     expect([frame.rings, frame.range.length]).toEqual([16, 32]);
   });
 
+  test("without columns is shown, as a picture without returns: the next ones come only when it was", () => {
+    const frame = parseFrame(message({ columns: 0, intensity: true, pose: true }));
+    expect(frame).toMatchObject({ index: 7, columns: 1, rings: 64, returns: 0, madeUp: 0, intensity: null });
+    expect([frame.range.length, Math.max(...frame.range), frame.azimuth.length]).toEqual([64, 0, 2]);
+    expect(frame.pose?.[3]).toBe(10);
+    expect([isEmpty(frame), isEmpty(parseFrame(message({ columns: 1 })))]).toEqual([true, false]);
+  });
+
   test.each<[string, (data: ArrayBuffer) => ArrayBuffer]>([
     ["cut off", (data) => data.slice(0, data.byteLength - 1)],
     ["nothing", () => new ArrayBuffer(0)],
     ["of form points", (data) => changed(data, 3, 0x50)],
     ["of another version", (data) => changed(data, 4, 2)],
-    ["without columns", (data) => changed(data, 76, 0)],
+    ["without columns, yet with returns", (data) => changed(data, 76, 0)],
     ["of more columns than it has", (data) => changed(data, 76, 200)],
     ["of more rings than any sensor has", (data) => changed(data, 78, 129)],
     ["without rings", (data) => changed(data, 78, 0)],

@@ -78,7 +78,8 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
   const flags = view.getUint16(42, true);
   const columns = view.getUint16(76, true);
   const rings = view.getUint16(78, true);
-  if (rings === 0 || rings > MAX_RINGS || columns === 0 || columns > MAX_COLUMNS) {
+  const hollow = columns === 0 && view.getUint32(44, true) > 0;
+  if (rings === 0 || rings > MAX_RINGS || columns > MAX_COLUMNS || hollow) {
     throw new FrameError(`an image of ${rings} x ${columns} cannot be shown`);
   }
   const hasPose = (flags & POSE) !== 0;
@@ -109,7 +110,7 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     at += 2 * cells;
   }
   const returns = view.getUint32(48, true);
-  return {
+  const told = {
     streamId: hex(view.getUint32(12, true)) + hex(view.getUint32(8, true)),
     index: u64(view, 16),
     stampMs: milliseconds(view, 24),
@@ -128,6 +129,24 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     filled: flags & FILLED ? new Uint8Array(data, at, cells) : null,
     pose: hasPose ? new Float64Array(data, HEADER_BYTES, 12) : null,
   };
+  return columns > 0 ? told : { ...told, ...withoutColumns(rings) };
+}
+
+/** A frame without columns, as one column without returns: a picture has at least one. */
+function withoutColumns(rings: number): Partial<RangeFrame> {
+  return {
+    columns: 1,
+    range: new Uint16Array(rings),
+    azimuth: new Uint16Array(2),
+    intensity: null,
+    original: null,
+    filled: null,
+  };
+}
+
+/** Whether nothing came back in a frame of at most one column: then it does not tell which part of a turn it is. */
+export function isEmpty({ columns, returns, madeUp }: Pick<RangeFrame, "columns" | "returns" | "madeUp">): boolean {
+  return columns < 2 && returns + madeUp === 0;
 }
 
 /** Share of a turn in a frame: its columns times the usual step between two columns. */
