@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import re
 import sys
@@ -20,6 +19,7 @@ from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
+from lidarcodec.files.folder_lock import alone_in
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.transport import open_transport
@@ -48,7 +48,8 @@ def run(
 ) -> None:
     """Fetch the clip and write it. What was fetched stays in a folder beside the output until that is written.
 
-    Raises SettingsError, SourceError if there is nothing to fetch, TransportError, StoppedError after a signal.
+    Raises SettingsError, SourceError if there is nothing to fetch, or another fetch into this output runs,
+    TransportError, StoppedError after a signal.
     """
     check_quality(quality)
     now_ns = time.time_ns()
@@ -62,20 +63,19 @@ def run(
     endpoints = endpoints_of(given)
     store = PieceStore(beside(out, ".fetching", folder=True))
     stop = threading.Event()
-    with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
-        fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
-        try:
-            attended(fetch.run, fetch.cancel, stop, _Progress(fetch, key, patience_s))
-        except CancelledError:
-            raise StoppedError from None
-    plan = fetch.plan
-    with whole(out, force=force) as output:
-        written = write_clip(plan, store, output.beside)
-    state = fetch.state()
-    store.forget(piece.name for piece in plan.pieces)
-    (store.folder / _plan_name(clip)).unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # other clips of this output
-        store.folder.rmdir()
+    with alone_in(store.folder):
+        with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
+            fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
+            try:
+                attended(fetch.run, fetch.cancel, stop, _Progress(fetch, key, patience_s))
+            except CancelledError:
+                raise StoppedError from None
+        plan = fetch.plan
+        with whole(out, force=force) as output:
+            written = write_clip(plan, store, output.beside)
+        state = fetch.state()
+        store.forget(piece.name for piece in plan.pieces)  # those of other clips of this output stay
+        (store.folder / _plan_name(clip)).unlink(missing_ok=True)
     for begin_ns, end_ns in plan.gaps():
         log.warning(
             "the vehicle kept nothing for %.1f s, beginning at %s", (end_ns - begin_ns) / 1e9, rfc_3339(begin_ns)

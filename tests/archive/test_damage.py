@@ -53,6 +53,18 @@ def test_a_condition_that_could_not_see_all_segments_is_no_success(filled, tmp_p
     archive("get", filled, tmp_path / "all.mcap")
 
 
+def test_a_query_or_table_of_numbers_that_lacks_segments_is_no_success(inputs, filled, tmp_path):
+    """What counted the frames of a fleet said a smaller number, and 0 to the shell."""
+    next((filled / "frames").rglob("*.parquet")).unlink()
+    done = archive("query", filled, "select count(*) from frames", "--json", code=1)
+    assert json.loads(done.stdout)["lost"] == 1
+    assert "the answer lacks 1 segment whose tables are lost" in done.stderr
+    told = json.loads(archive("run", inputs, filled, "--job", "stats", "--json", code=1).stdout)
+    assert (told["lost"], len(told["stats"])) == (1, 1)
+    done = archive("run", filled, tmp_path / "maps", "--job", "map", "--workers", "here", "--json", code=1)
+    assert json.loads(done.stdout)["lost"] == 1
+
+
 def test_repair_removes_what_was_never_finished_and_makes_lost_objects_again(inputs, filled):
     before = objects(filled)
     (filled / "recordings/car-7/roof" / f"{'0' * 24}-{'0' * 16}.mcap").write_bytes(b"never committed")

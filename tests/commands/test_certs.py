@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.commands.certs import command as certs
-from lidarcodec.commands.certs.folder_lock import locked
 from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
+from lidarcodec.files.folder_lock import locked
 from tests.command_line import run, start
 from tests.transport.conftest import free_port
 from tests.transport.router import Router

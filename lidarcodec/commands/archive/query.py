@@ -11,10 +11,15 @@ from lidarcodec.archive.names import printable
 from lidarcodec.archive.query import query
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.errors import SourceError
+from lidarcodec.units import counted
 
 
 def run(archive: str, sql: str, as_json: bool) -> None:
-    """Print the rows of a query."""
+    """Print the rows of a query.
+
+    Raises SourceError if tables are lost, so that rows are missing, when the others were printed.
+    """
     check_extra("a query")
     names, rows, lost = query(open_archive(archive).store, sql)
     plain = [list(map(_plain, row)) for row in rows]
@@ -22,6 +27,11 @@ def run(archive: str, sql: str, as_json: bool) -> None:
     widths = [max(len(row[at]) for row in table) for at in range(len(names))]
     lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in table)
     tell({"columns": names, "rows": plain, "lost": lost}, "\n".join(lines), as_json)
+    if lost:
+        raise SourceError(
+            f"the answer lacks {counted(lost, 'segment')} whose tables are lost: `archive run --repair` makes them "
+            "again from their inputs"
+        )
 
 
 def _plain(value: Any) -> Any:

@@ -85,7 +85,8 @@ class Wanted:
 
 
 def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
-    """Do the job and print what was done. Returns whether nothing was set aside, now or earlier, left or broken."""
+    """Do the job and print what was done. Returns whether nothing was set aside, now or earlier, left, broken, or left
+    out because its table is lost."""
     job, settings = _checked(wanted)
     inputs, target = open_store(source), open_store(archive)
     if job.each == "input" and f"{target.url.rstrip('/')}/".startswith(f"{inputs.url.rstrip('/')}/"):
@@ -105,7 +106,7 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     if job.each == "archive":
         result |= work_of(wanted.job)({}, inputs, target)
         tell(result, _text(result), as_json)
-        return True
+        return not result["lost"]
     plan, outcome = _plan(wanted, inputs, target, settings), Outcome()
     if wanted.dry_run and not job.previews:
         result["tasks"] = sum(1 for _ in plan.tasks())
@@ -118,7 +119,7 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
     for remark in plan.remarks():
         log.warning("%s", remark)
     tell(result, _text(result), as_json)
-    missing = result["broken"] or result["unfinished"] or result["earlier_aside"]
+    missing = result["broken"] or result["unfinished"] or result["earlier_aside"] or result["lost"]
     return not (outcome.aside or outcome.left or missing)
 
 

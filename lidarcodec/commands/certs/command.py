@@ -20,9 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certs.certificates import Authority, write_private
-from lidarcodec.commands.certs.folder_lock import locked
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError, sentence_of
+from lidarcodec.files.folder_lock import locked
 from lidarcodec.files.whole import written_whole
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.access import PLAYBACKS, ROUTER, Auth, People

@@ -15,6 +15,7 @@ from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.errors import SettingsError, SourceError, UnknownNameError
+from lidarcodec.files.folder_lock import alone_in
 from lidarcodec.files.whole import beside, whole
 from lidarcodec.maps.served.answers import MapAnswers
 from lidarcodec.maps.served.fetching import Around, MapFetch, write_fetched
@@ -79,26 +80,27 @@ def run_fetch(wanted: Wanted, given: Given, *, force: bool, as_json: bool) -> No
     """
     check_map_name(wanted.out, force=force)
     part, endpoints = wanted.part(), endpoints_of(given)
-    store = FolderPieces(beside(wanted.out, ".fetching", folder=True), NO_LIMIT)
-    stop = threading.Event()
-    with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
-        source = NetworkTiles(wanted.name, lambda: transport, store, wanted.patience_s)
-        check_served(transport, wanted.name, stop)
-        fetch = MapFetch(source, part)
-        folder = wanted.out.absolute().parent
-        try:
-            attended(lambda: fetch.run(folder), source.stop, stop, lambda: _progress(source, fetch))
-        except StoppedFetchError:
-            raise StoppedError(
-                f"stopped: the fetched tiles stay in {store.folder}; run the same command again to continue"
-            ) from None
-        if fetch.result is None:
-            raise SourceError("the map was not fetched: nothing was written")
-        manifest, tiles = fetch.result
-        with whole(wanted.out, force=force) as output, output.beside.open("w+b") as file:
-            points = write_fetched(file, manifest, tiles, source.read)
-            size = file.tell()
-    store.clear()
+    pieces, stop = beside(wanted.out, ".fetching", folder=True), threading.Event()
+    with alone_in(pieces):
+        store = FolderPieces(pieces, NO_LIMIT)
+        with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
+            source = NetworkTiles(wanted.name, lambda: transport, store, wanted.patience_s)
+            check_served(transport, wanted.name, stop)
+            fetch = MapFetch(source, part)
+            folder = wanted.out.absolute().parent
+            try:
+                attended(lambda: fetch.run(folder), source.stop, stop, lambda: _progress(source, fetch))
+            except StoppedFetchError:
+                raise StoppedError(
+                    f"stopped: the fetched tiles stay in {store.folder}; run the same command again to continue"
+                ) from None
+            if fetch.result is None:
+                raise SourceError("the map was not fetched: nothing was written")
+            manifest, tiles = fetch.result
+            with whole(wanted.out, force=force) as output, output.beside.open("w+b") as file:
+                points = write_fetched(file, manifest, tiles, source.read)
+                size = file.tell()
+        store.clear()
     found = {
         "output": str(output.kept or wanted.out),
         "map": manifest.name,

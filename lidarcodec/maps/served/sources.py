@@ -196,7 +196,7 @@ class NetworkTiles:
         _, whole, at, digest = HEAD.unpack_from(answer)
         if digest.hex() != piece.hash:
             raise ChangedMapError(f"tile {piece.tail} of map '{self.name}' has changed")
-        if (whole, at) != (piece.size, offset):
+        if (whole, at, len(answer) - HEAD.size) != (piece.size, offset, size):  # a byte each would go on for good
             raise SourceError(f"the answer about tile {piece.tail} of map '{self.name}' cannot be understood")
         self._parts.took(size, took_s)
         with self._lock:

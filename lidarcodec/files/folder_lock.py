@@ -1,7 +1,8 @@
-"""locked: lets only one command at a time change a folder."""
+"""locked, alone_in: let only one command at a time change a folder."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import logging
@@ -29,15 +30,53 @@ def locked(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
 
     Raises SourceError when another process holds it for longer than `wait_s`, or the folder cannot be opened.
     """
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as error:
-        raise SourceError(f"cannot open {folder}: {error.strerror or error}") from None
+    handle = _opened(folder)
     try:
         _take(handle, folder, time.monotonic() + wait_s)
         yield
     finally:
         os.close(handle)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a lock on a folder that is there for as long as it holds something.
+
+    Raises SourceError when another process holds it, or it cannot be made.
+    """
+    while True:
+        try:
+            folder.mkdir(0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            raise SourceError(f"cannot make {folder}: {error.strerror or error}") from None
+        handle = _opened(folder)
+        try:
+            _take(handle, folder, time.monotonic())
+            if not _is_at(handle, folder):  # who held it has removed it
+                continue
+            try:
+                yield
+            finally:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
+        finally:
+            os.close(handle)
+        return
+
+
+def _is_at(handle: int, folder: Path) -> bool:
+    """Whether an open folder still has its name."""
+    try:
+        return os.path.samestat(os.fstat(handle), folder.stat())
+    except OSError:
+        return False
+
+
+def _opened(folder: Path) -> int:
+    try:
+        return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise SourceError(f"cannot open {folder}: {error.strerror or error}") from None
 
 
 def _take(handle: int, folder: Path, until_s: float) -> None:
