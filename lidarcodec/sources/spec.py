@@ -13,6 +13,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl
 
 from lidarcodec.errors import SourceError, UnknownNameError
+from lidarcodec.units import is_number
 
 LIVE = ("udp", "ros2")
 """Kinds of sources that are live."""
@@ -84,6 +85,18 @@ class Spec:
         Raises SourceError if it is not a port.
         """
         return 0 if self.options.get("position") == "off" else self.whole("position", 1, 65535)
+
+    def host_and_port(self) -> tuple[str, int | None]:
+        """Host, without brackets, and port of the place `HOST:PORT`, `:PORT`, `PORT` or `HOST`; no port: None.
+
+        Raises SourceError if the port is none.
+        """
+        host, _, port = self.place.rpartition(":") if not self.place.endswith("]") else (self.place, "", "")
+        if not host and not port.isdigit():
+            host, port = port, ""
+        if port and not is_number(port, 65535):
+            raise SourceError(f"{self.text}: the port must be a number up to 65535")
+        return host.strip("[]"), int(port) if port else None
 
     def flag(self, name: str) -> bool:
         """An option that is on or off; off if it was not given.

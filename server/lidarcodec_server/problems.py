@@ -29,7 +29,8 @@ from lidarcodec.errors import (
     sentence_of,
 )
 from lidarcodec.transport.answering import field_of
-from lidarcodec_server.fleet.control import AwayError, BusyError, RefusedError
+from lidarcodec_server.fleet.answers import AwayError, RefusedError
+from lidarcodec_server.fleet.turns import BusyError
 from lidarcodec_server.limits import SparseLog, TooManyError
 from lidarcodec_server.migrations import StoreError
 

@@ -11,7 +11,7 @@ from lidarcodec.errors import LidarCodecError
 from lidarcodec.pipeline import check
 from lidarcodec.ratecontrol.reach import ReachWarning, missed_warning, reach_warning
 from lidarcodec.settings import AUTO, Purpose, StreamSettings
-from lidarcodec_server.fleet.control import State
+from lidarcodec_server.fleet.answers import State
 from lidarcodec_server.fleet.fleet import Stream
 from lidarcodec_server.store.store import Entry
 from lidarcodec_server.told import images_told

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Mapping
 from enum import IntEnum
 from ipaddress import ip_address
 from typing import Final
 
-from lidarcodec._native import SenderJudge
+from lidarcodec._native import SenderJudge, UdpReceiver
+from lidarcodec.packet import UNKEPT_POSITIONS
 from lidarcodec.sources.udp.notices import Notices
 
 logger = logging.getLogger(__name__)
@@ -128,3 +130,21 @@ def _place(address: bytes, port: int) -> str:
         return "an unknown address"
     text = str(ip_address(address))
     return f"[{text}]:{port}" if ":" in text else f"{text}:{port}"
+
+
+def counts_of(receiver: UdpReceiver, wrong: int, beside: Counter[str]) -> dict[str, int]:
+    """What became of packets that are not in the stream, by cause.
+
+    wrong: packets of a wrong length that Python has seen;  beside: counts of the socket of position packets
+    """
+    kernel, queue, refused, position = receiver.counts()
+    judge = receiver.senders()
+    return {
+        "kernel drops": kernel + beside["kernel drops"],
+        "queue drops": queue,
+        "wrong length": refused + wrong + beside["wrong length"],
+        "position packets": beside["position packets"],
+        UNKEPT_POSITIONS: position,
+        "strangers": judge.refused + beside["strangers"],
+        "sender changes": judge.changes,
+    }

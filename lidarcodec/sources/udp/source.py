@@ -17,7 +17,7 @@ from typing import Final
 
 from lidarcodec import _native
 from lidarcodec.errors import CalibrationError, PacketError, SourceError
-from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
+from lidarcodec.packet import FirstPacket, Packet
 from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, SensorModel
 from lidarcodec.sensors import check_recognised, find_calibration, find_sensor
 from lidarcodec.sensors.models.shapes import shapes
@@ -26,12 +26,13 @@ from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.ouster_http import with_metadata
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
+from lidarcodec.sources.udp.assumed import sensor_before_packets
 from lidarcodec.sources.udp.positions import listener_beside
-from lidarcodec.sources.udp.senders import Senders
+from lidarcodec.sources.udp.senders import Senders, counts_of
 from lidarcodec.sources.udp.socket import open_socket
 from lidarcodec.sources.udp.watch import ModelWatch, NamedModel
 from lidarcodec.sources.unit_calibration import warn_if_generic
-from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
+from lidarcodec.units import DATA_PORT, PACKET_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ class UdpSource(PacketSource):
         Raises SourceError if the address cannot be listened on, PacketError if what sends there is no known sensor,
         CalibrationError, UnknownNameError.
         """
-        assumed = _before_packets(calibration, model)
+        assumed = sensor_before_packets(calibration, model)
         super().__init__(assumed or find_calibration(None, None, ()), live=True)
         wanted = None if src is None else address_of(src)
         sock = open_socket(host, port, interface=interface, share=share)
@@ -101,7 +102,7 @@ class UdpSource(PacketSource):
                 QUEUE_PACKETS,
                 pinned,
                 any_sender,
-                list(shapes(_sought(model))),
+                list(shapes(None if model == PACKETS else model)),  # evidence of a sensor
                 model == PACKETS,
                 model in (None, HDL64E, PACKETS),
             )  # a copy of the socket
@@ -147,14 +148,10 @@ class UdpSource(PacketSource):
         spec.only("src", "any", "idle", "wait", "interface", "share", "position", "model")
         if spec.model() == POINTCLOUD2:
             raise SourceError(f"{spec.text}: point clouds cannot come over UDP: read a bag, or ros2:/TOPIC live")
-        host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
-        if not host and not port.isdigit():
-            host, port = port, ""
-        if port and not is_number(port, 65535):
-            raise SourceError(f"{spec.text}: the port must be a number up to 65535")
+        host, port = spec.host_and_port()
         return cls(
-            host.strip("[]"),
-            int(port or DATA_PORT),
+            host,
+            DATA_PORT if port is None else port,
             calibration,
             src=spec.options.get("src"),
             any_sender=spec.flag("any"),
@@ -392,43 +389,12 @@ class UdpSource(PacketSource):
         return self._known[1] if sender else None
 
     def _count(self) -> None:
-        kernel, queue, wrong, position = self._receiver.counts()
         judge = self._receiver.senders()
         beside = Counter[str]() if self._positions is None else self._positions.counts
-        found = {
-            "kernel drops": kernel + beside["kernel drops"],
-            "queue drops": queue,
-            "wrong length": wrong + self._wrong + beside["wrong length"],
-            "position packets": beside["position packets"],
-            UNKEPT_POSITIONS: position,
-            "strangers": judge.refused + beside["strangers"],
-            "sender changes": judge.changes,
-        }
+        found = counts_of(self._receiver, self._wrong, beside)
         for cause, count in found.items():  # set, not added: `close` may do this in another thread at the same time
             if count:
                 self.counts[cause] = count
         self._senders.look(judge, self.counts)
         if self._positions is not None:
             self._senders.refused_positions(beside["strangers"], self._positions.stranger)
-
-
-def _sought(model: str | None) -> str | None:
-    """The model whose packets are evidence of a sensor; None: any."""
-    return None if model == PACKETS else model
-
-
-def _before_packets(calibration: Path | None, model: str | None) -> SensorModel | None:
-    """The sensor that is assumed before its packets are seen; None if it can be no HDL-64E.
-
-    Raises CalibrationError, UnknownNameError.
-    """
-    if model == PACKETS:
-        return find_sensor(None, None, (), model)
-    if model not in (None, HDL64E):
-        return None
-    try:
-        return find_calibration(None, calibration, ())
-    except CalibrationError:
-        if model == HDL64E or calibration is None or not calibration.is_file():
-            raise
-        return None

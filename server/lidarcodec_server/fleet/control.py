@@ -10,9 +10,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 from lidarcodec.apps.control import asked_by
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
@@ -21,9 +20,11 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError
+from lidarcodec_server.fleet.answers import Applied, AwayError, RefusedError, State
 from lidarcodec_server.fleet.desired import in_step, overlaid, wanted_with
 from lidarcodec_server.fleet.fleet import Fleet
 from lidarcodec_server.fleet.rivals import Override, Rivals
+from lidarcodec_server.fleet.turns import Turns
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.told import (
@@ -43,8 +44,6 @@ SERVER = "server"
 """Name in the audit log when this server sent the operators' settings to a vehicle that came back."""
 KEEPS = "the server (it keeps what operators set)"
 """Who asks then; the vehicle says it in its terminal."""
-TURN_S = 10.0
-"""Longest wait of a change for earlier ones."""
 GET_S = 1.0
 AGAIN_S = 2.0
 RARELY_S = 60.0
@@ -55,50 +54,13 @@ CLOSE_S = 2.0
 MAX_REASON, MAX_FIELD = 500, 100
 
 
-class RefusedError(SettingsError):
-    """The vehicle refused a change; nothing changed."""
-
-
-class AwayError(LidarCodecError):
-    """The vehicle is away, or does not answer."""
-
-
-class BusyError(LidarCodecError):
-    """Other changes of the stream take too long."""
-
-
-class Applied(NamedTuple):
-    """A vehicle's answer to a change."""
-
-    settings: StreamSettings
-    first_frame: int | None
-
-
-class State(NamedTuple):
-    """The settings of a stream.
-
-    applied:  current settings, None when the vehicle is away
-    desired:  all settings of the stream once it has those of operators, None if operators set nothing
-    operator: the settings that operators set;  refused: why the vehicle does not use them
-    images:   of the sensor, if it is not an HDL-64E
-    """
-
-    applied: StreamSettings | None
-    desired: dict[str, Any] | None
-    operator: dict[str, Any]
-    first_frame: int | None = None
-    refused: str | None = None
-    images: ImageKind | None = None
-
-
 class Control:
     """Changes settings of streams; see the module. Thread-safe; methods block for seconds at most."""
 
     def __init__(self, fleet: Fleet, store: Store, transport: Callable[[], Transport], answer_s: float = 3.0) -> None:
         """transport: gives the network session, or raises TransportError while there is none"""
         self._fleet, self._store, self._transport, self._answer_s = fleet, store, transport, answer_s
-        self._turns: dict[StreamKeys, tuple[threading.Lock, int]] = {}
-        self._turns_lock = threading.Lock()
+        self._turns = Turns()
         self._due: dict[StreamKeys, float] = {}
         self._wake = threading.Condition()
         self._stopped = False
@@ -161,7 +123,7 @@ class Control:
             raise SettingsError("no setting is given: give at least one")
         check_settings_size(changes)
         check_names(changes.get("codec_settings"))
-        with self._turn(keys):
+        with self._turns.hold(keys):
             stream = self._fleet.get(keys)
             alive = stream is not None and stream.alive
             current = None if stream is None else stream.settings
@@ -198,7 +160,7 @@ class Control:
         entered: called when this is in the audit log; if there were no settings of operators, nothing is entered
         """
         applied = None
-        with self._turn(keys):
+        with self._turns.hold(keys):
             before = self._store.desired(keys)
             if before:
                 entry = self._store.begin(keys, who, "forget", {}, before, {})
@@ -289,7 +251,7 @@ class Control:
 
     def _settle(self, keys: StreamKeys) -> bool:
         """Send settings to a stream if needed. Returns whether nothing is left to do."""
-        with self._turn(keys):
+        with self._turns.hold(keys):
             stream = self._fleet.get(keys)
             wanted = self._store.desired(keys)
             if stream is None or not stream.alive:
@@ -400,32 +362,6 @@ class Control:
         except JsonRefusedError as error:
             self._warnings.warning("cannot read the answer to %s: %s", key, error)
             return None
-
-    @contextmanager
-    def _turn(self, keys: StreamKeys) -> Iterator[None]:
-        """Hold the lock of a stream.
-
-        Raises BusyError if it is not free in time.
-        """
-        with self._turns_lock:
-            lock, users = self._turns.get(keys, (threading.Lock(), 0))
-            self._turns[keys] = lock, users + 1
-        try:
-            if not lock.acquire(timeout=TURN_S):
-                raise BusyError(
-                    f"other changes of the settings of {keys.vehicle}/{keys.sensor} are still running: try again later"
-                )
-            try:
-                yield
-            finally:
-                lock.release()
-        finally:
-            with self._turns_lock:
-                lock, users = self._turns[keys]
-                if users == 1:
-                    del self._turns[keys]
-                else:
-                    self._turns[keys] = lock, users - 1
 
 
 def _reason_text(reason: object) -> str:

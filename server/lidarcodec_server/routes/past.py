@@ -22,7 +22,7 @@ from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 from lidarcodec_server.auth import Viewer
-from lidarcodec_server.fleet.control import AwayError, RefusedError
+from lidarcodec_server.fleet.answers import AwayError, RefusedError
 from lidarcodec_server.live.download import MEDIA_TYPE, Download
 from lidarcodec_server.operations import Operation, begun, operates
 from lidarcodec_server.past.clips import Record, State

@@ -11,7 +11,7 @@ from lidarcodec.pipeline import check
 from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server.auth import Viewer
-from lidarcodec_server.fleet.control import State
+from lidarcodec_server.fleet.answers import State
 from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import JsonObject, TheService, TheStream, known_stream
