@@ -15,6 +15,7 @@ from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.coding_losses import CodingLosses
 from lidarcodec.frame import Frame
 from lidarcodec.transport.keys import PREFIX
 
@@ -45,10 +46,11 @@ def run(
         refine=refine,
     )  # fmt: skip
     show = sys.stderr.isatty()
-    count = 0
+    count, losses = 0, CodingLosses()
     with live, stoppable(live.interrupt) as stopped, told_ready(f"receiving {stream}", live.summary):
         shown_s = time.monotonic()
-        for count, _ in enumerate(awaited(live, stream), 1):
+        for count, frame in enumerate(awaited(live, stream), 1):
+            losses.add(frame, live.status)
             if show and time.monotonic() - shown_s >= EVERY_S:
                 shown_s = time.monotonic()
                 sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")
@@ -58,7 +60,7 @@ def run(
     summary["recording"] = live.summary()["recording"]  # after closing, when all waiting messages were written or lost
     if show:
         sys.stderr.write("\r\x1b[K")
-    tell(summary | {"stream": stream}, line_of(summary), as_json)
+    tell(summary | {"stream": stream, "coding": losses.values()}, line_of(summary) + losses.text(), as_json)
     check_recorded({key: summary["recording"]})
     if frames is not None and count < frames and not stopped():
         raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} stopped")

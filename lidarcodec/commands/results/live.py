@@ -46,6 +46,13 @@ class Received(TypedDict):
         dict[str, int] | None,
         "of `--refine`: sectors `taken`, `late`, `lost`; frames refined `whole`, in `part`, `base` alone",
     ]
+    coding: NotRequired[
+        Annotated[
+            dict[str, Any],
+            "what coding left out, of `subscribe`: `returns_percent` sent, `max_error_m` of ranges (null: no bound), "
+            "`intensity` in force, all that were",
+        ]
+    ]
     udp: Annotated[dict[str, int] | None, "of `--udp`: what was sent"]
     recording: Annotated[dict[str, Any] | None, "of `--record`: its last `file`, why it `stopped`, and `counts`"]
 
