@@ -268,7 +268,7 @@ def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatc
         (
             Terminal(),
             Endpoints(),
-            "publishing car-7/roof on this machine only (--connect or --listen sends it elsewhere)",
+            "publishing car-7/roof on this machine only, to all its users (--connect or --listen sends it elsewhere)",
         ),
         (Terminal(), Endpoints(connect=("tcp/127.0.0.1:7447",)), "publishing car-7/roof; Ctrl-C stops\n"),
         (io.StringIO(), Endpoints(connect=("tcp/127.0.0.1:7447",)), "publishing car-7/roof\n"),

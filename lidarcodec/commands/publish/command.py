@@ -150,7 +150,8 @@ def say_begun(streams: Iterable[str], endpoints: Endpoints, *, waits: bool = Fal
 
     waits: nothing is sent before there is a receiver
     """
-    reach = " on this machine only (--connect or --listen sends it elsewhere)" if endpoints.local else ""
+    elsewhere = " on this machine only, to all its users (--connect or --listen sends it elsewhere)"
+    reach = elsewhere if endpoints.local else ""
     begins = "; begins when there is a receiver" * waits
     stops = "; Ctrl-C stops" * sys.stderr.isatty()
     sys.stderr.write(f"publishing {', '.join(streams)}{reach}{begins}{stops}\n")
