@@ -83,6 +83,8 @@ def run(
             if not watched.cut:
                 for more in frames:
                     _points(writer, more)
+            if reader.losses and chosen.all and not watched.cut and not kept.left_out:
+                writer.write_losses(reader.losses)
             writer.close()
         if watched.cut:
             output.only_part()
@@ -105,6 +107,11 @@ class _Chosen:
         if selection != Selection():
             self._plan = planned(units_of(reader), selection, None)
             self.any, self.earlier = bool(self._plan.starts), self._plan.earlier
+
+    @property
+    def all(self) -> bool:
+        """Whether all messages are taken."""
+        return self._plan is None
 
     def stored(self, reader: RecordingReader) -> Iterator[tuple[Channel, Stored]]:
         """Every message of every channel that is taken, in the order of the file."""

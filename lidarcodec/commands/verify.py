@@ -17,6 +17,7 @@ from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.recorded import RecordedFrames
+from lidarcodec.evaluation.sent import OFF, Sent, bounds_text
 from lidarcodec.evaluation.verdict import broken_promises, changed_since_the_start, missing_parts
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, promise_of, promise_refined
 from lidarcodec.recording.layer_counts import LAYERS
@@ -69,12 +70,15 @@ def compared(
     check_recorded(spec)
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
-    comparison = Comparison()
+    comparison, sent = Comparison(), Sent()
     with open_source(spec, calibration=calibration) as source:
         packets = PacketsByTime(source.packets())
         watched = Watched(recorded, stopped)
         for frame in watched:
             message = recorded.message
+            if message is not None:
+                sent.range_step_m = frame.sensor.range_step_m
+                sent.add(message)
             promise = None if message is None else promise_refined(promise_of(message), recorded.refined)
             # A message of `raw` does not say that it is reduced.
             if promise is not None and settings is not None and settings.codec == "raw":
@@ -107,6 +111,7 @@ def compared(
         "layers": {name: recorded.layers[name] for name in LAYERS} if recorded.layers else None,
         "settings": None if settings is None else settings.model_dump(mode="json"),
         "changed": changed_since_the_start(settings, comparison),
+        "sent": sent.result(),
         "short_turns": sum(row.missing > 0 for row in comparison.short.rows()),
         "source_lacks": comparison.short.text(),
         "broken": broken,
@@ -139,25 +144,56 @@ def _text(result: dict[str, Any]) -> str:
     def metres(value: float | None) -> str:
         return "nothing to compare" if value is None else f"{value:.6f} m"
 
-    same = "identical" if result["packets_identical"] else f"{result['identical_packets']:,} identical"
     recorded, missing = result["position_packets"], result["position_packets_missing"]
     all_same = result["position_packets_identical"]
     same_positions = "identical" if all_same else f"{result['identical_position_packets']} identical, {missing} missing"
+    strange = result["frames_not_in_source"]
+    bound = f" (allowed: {bounds_text(result['sent'])})" if any(result["sent"]["intensity"]) else ""
     lines = [
         _covered_text(result["coverage"]),
-        f"frames           {result['frames']}, {result['frames_not_in_source']} of them not in the source",
-        f"packets          {result['packets']:,}, {same}",
+        f"frames           {result['frames']:,}" + f", {strange} of them not in the source" * bool(strange),
+        f"packets          {_packets_text(result)}",
         *([f"position packets {recorded}, {same_positions}"] if recorded or missing else []),
-        f"largest error    {metres(result['max_error_m'])}",
+        f"largest error    {metres(result['max_error_m'])}{bound}",
         f"RMS error        {metres(result['rmse_m'])}",
-        f"returns          {result['points']:,}, {result['lost']:,} lost, {result['invented']:,} invented"
-        + (f", {result['left_out']:,} left out by the reduction" if result["left_out"] else ""),
+        f"returns          {_returns_text(result)}",
+        *_intensity_lines(result),
         *([_layers_text(result["layers"])] if result["layers"] else []),
         *([f"source           {result['source_lacks']}"] if result["source_lacks"] else []),
         *(f"changed          {text}" for text in result["changed"]),
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]
+    if not result["broken"] and any(result["sent"]["intensity"]):
+        lines.append("kept             all that its messages promise" + " so far" * bool(result["interrupted"]))
     return "\n".join(lines)
+
+
+def _packets_text(result: dict[str, Any]) -> str:
+    count, same = result["packets"], result["identical_packets"]
+    if result["packets_identical"]:
+        return f"{count:,}, identical"
+    if result["broken"]:
+        return f"{count:,}, {same:,} identical"
+    some = f"{same:,} identical, the others" if same else "all of them"
+    return f"{count:,}, {some} sent with losses, as the settings allow"
+
+
+def _returns_text(result: dict[str, Any]) -> str:
+    share = result["returns_percent"]
+    kept = "" if share is None else f", {share:g} % kept"
+    left = f", {result['left_out']:,} left out by the reduction" * bool(result["left_out"])
+    points = result["points"] + result["left_out"]
+    return f"{points:,}{kept}{left}, {result['lost']:,} lost, {result['invented']:,} invented"
+
+
+def _intensity_lines(result: dict[str, Any]) -> list[str]:
+    largest = result["intensity_max"]
+    if largest is None:
+        return []
+    if largest and set(result["sent"]["intensity"]) == {OFF}:
+        return ["intensity        not sent: 0 everywhere"]
+    off = f"largest difference {largest}, mean {result['intensity_mean']:.2f}" if largest else "identical"
+    return [f"intensity        {off}"]
 
 
 def _layers_text(layers: dict[str, int]) -> str:
@@ -175,6 +211,6 @@ def _covered_text(found: dict[str, Any] | None) -> str:
     gaps = f", with {found['gaps']} gaps" if found["gaps"] else ""
     return (
         f"covered          {found['packets']:,} of {found['source_packets']:,} packets of the source"
-        f" ({found['frames']:.1f} of {found['source_frames']:.1f} frames), number {found['first']:,} to"
+        f", number {found['first']:,} to"
         f" {found['last']:,}, second {begin:.1f} to {end:.1f}{gaps}"
     )

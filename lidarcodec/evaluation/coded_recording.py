@@ -112,6 +112,7 @@ class CodedRecording:
         """End the recording, not the file."""
         self._put(self._encoder.flush())
         self._show(self._check.end())
+        self._writer.write_losses(self.losses.texts(self.left_out))
         self._writer.close()
 
     def summary(self, again: int | None = None) -> str:

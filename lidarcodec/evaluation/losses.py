@@ -33,6 +33,15 @@ class Losses:
         """Root mean square of the errors of intensities, in units of the sensor."""
         return self._intensity.result()["intensity_rmse"] or 0.0
 
+    def texts(self, left_out: int) -> dict[str, str]:
+        """The same for a recording's own notes. left_out: frames that were not encoded"""
+        return {
+            "returns_percent": f"{self.kept_percent:.2f}",
+            "largest_error_m": f"{self.largest_error_m:g}",
+            "intensity_rms": f"{self.intensity_rms:.2f}",
+            "left_out": str(left_out),
+        }
+
     def compare(self, sent: Frame, decoded: Frame) -> None:
         """Add a frame as it was sent, with the returns that a reduction left, and as it comes back. Cost: 2 ms."""
         came = measured_only(decoded)

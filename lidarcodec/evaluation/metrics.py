@@ -17,6 +17,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -111,12 +112,16 @@ class IntensityErrors:
 
     compared: int = 0
     squared: int = 0
+    largest: int = 0
+    total: int = 0
 
-    def add(self, original: npt.NDArray[np.uint8], decoded: npt.NDArray[np.uint8], both: npt.NDArray[np.bool_]) -> None:
+    def add(self, original: npt.NDArray[Any], decoded: npt.NDArray[Any], both: npt.NDArray[np.bool_]) -> None:
         """Compare two intensity images of one shape where `both` is true."""
         difference = original[both].astype(np.int64) - decoded[both].astype(np.int64)
         self.compared += len(difference)
         self.squared += int(np.dot(difference, difference))
+        off = np.abs(difference)
+        self.largest, self.total = max(self.largest, int(off.max(initial=0))), self.total + int(off.sum())
 
     def result(self) -> dict[str, float | None]:
         """`intensity_rmse` (of 255), None if nothing could be compared; `intensity_psnr_db`, None without errors."""

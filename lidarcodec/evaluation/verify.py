@@ -18,7 +18,7 @@ from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.codecs import table
 from lidarcodec.codecs.pictures import split_head
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.metrics import RangeErrors
+from lidarcodec.evaluation.metrics import IntensityErrors, RangeErrors
 from lidarcodec.evaluation.plane_difference import told_of_planes
 from lidarcodec.evaluation.verify_positions import PositionComparison, places
 from lidarcodec.evaluation.verify_values import CloudErrors, values_difference
@@ -260,7 +260,7 @@ class Comparison:
     positions: comparison of the position packets
     points: errors of the points of clouds
     others: what else is not as promised, in words -> number of frames
-    short: turns that lack columns already in the source
+    short: turns that lack columns already in the source;  intensity: errors of intensities
     """
 
     frames: int = 0
@@ -278,6 +278,7 @@ class Comparison:
     points: CloudErrors = field(default_factory=CloudErrors)
     others: Counter[str] = field(default_factory=Counter)
     short: ShortTurns = field(default_factory=ShortTurns)
+    intensity: IntensityErrors = field(default_factory=IntensityErrors)
 
     @property
     def packets_identical(self) -> bool:
@@ -330,6 +331,8 @@ class Comparison:
             self.left_out += original.points - int(np.count_nonzero(sent))
         errors.add(sent, decoded.range)
         self.errors.merge(errors)
+        if original.intensity.shape == decoded.intensity.shape:
+            self.intensity.add(original.intensity, decoded.intensity, (original.range > 0) & (decoded.range > 0))
         if promise is None or promise.step is None or promise.bound_m is not None:
             return
         if errors.max_steps > promise.step // 2:
@@ -351,6 +354,16 @@ class Comparison:
         if self.points.other_fields > differing:
             self.others["other fields than x, y and z that differ, or other points"] += 1
 
+    def _shares(self) -> dict[str, Any]:
+        """The share of returns that came back, and how far off their intensities are."""
+        errors, intensity = self.errors, self.intensity
+        points = errors.points + self.left_out
+        return {
+            "returns_percent": round(100 * (errors.points - errors.lost) / points, 2) if points else None,
+            "intensity_max": intensity.largest if intensity.compared else None,
+            "intensity_mean": round(intensity.total / intensity.compared, 4) if intensity.compared else None,
+        }
+
     def result(self) -> dict[str, Any]:
         """The results as plain values."""
         errors = self.errors
@@ -370,6 +383,7 @@ class Comparison:
             "lost": errors.lost,
             "invented": errors.invented,
             "left_out": self.left_out,
+            **self._shares(),
             "frames_beyond_their_bound": self.beyond,
             "bounds_m": [
                 bound_of(step, errors.range_step_m) for step in sorted(step for step in self.steps if step is not None)

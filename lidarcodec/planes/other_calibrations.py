@@ -18,6 +18,7 @@ from lidarcodec.sensor_model import (
     Convention,
     SensorModel,
 )
+from lidarcodec.units import RANGE_STEP_M
 
 FORM_OTHER: Final = 3
 MAX_DESCRIPTION: Final = 1 << 20
@@ -50,11 +51,13 @@ def other_form(sensor: SensorModel) -> bytes:
 
 
 class Described(NamedTuple):
-    """What a section says of its sensor: title, name of the model as in `--model`, number of rows."""
+    """What a section says of its sensor: title, name of the model as in `--model`, number of rows, metres of a range
+    unit."""
 
     name: str
     model: str
     rows: int
+    range_step_m: float = RANGE_STEP_M
 
 
 def described_in(data: bytes) -> Described:
@@ -66,9 +69,9 @@ def described_in(data: bytes) -> Described:
     if not _HEAD.size <= size <= MAX_PLAIN:
         raise SectionError(f"a description of a sensor of {size} bytes")
     plain = decompress(data[4:], size)
-    _, _, length, model_length, rows, _ = _HEAD.unpack_from(plain)
+    _, step, length, model_length, rows, _ = _HEAD.unpack_from(plain)
     name, model = plain[_HEAD.size :][:length], plain[_HEAD.size + length :][:model_length]
-    return Described(name.decode("utf-8", "replace"), model.decode("ascii", "replace"), rows)
+    return Described(name.decode("utf-8", "replace"), model.decode("ascii", "replace"), rows, step / _STEPS_PER_METRE)
 
 
 @lru_cache(maxsize=_KEPT)

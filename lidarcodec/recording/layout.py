@@ -37,6 +37,9 @@ REFINE_ENCODING: Final = "lidarcodec.refine"
 _LAST_PART: Final = {MESSAGE_ENCODING: "frame", PACKET_ENCODING: "packets", REFINE_ENCODING: "refine"}
 METADATA_NAME: Final = "lidarcodec"
 """Name of the MCAP metadata record: format, version, vehicle, sensor and the settings as JSON."""
+LOSSES_NAME: Final = "lidarcodec.losses"
+"""Name of the metadata record at the end with what was measured while frames were encoded: returns that come back in
+percent, the largest error of a range, the error of intensities (RMS), frames left out."""
 MAX_BATCH: Final = 16384
 """Most data packets in a batch: 20 MB."""
 

@@ -12,7 +12,14 @@ from lidarcodec import wire
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.recording import records
-from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, REFINE_ENCODING, unpack_batch
+from lidarcodec.recording.layout import (
+    LOSSES_NAME,
+    MESSAGE_ENCODING,
+    METADATA_NAME,
+    PACKET_ENCODING,
+    REFINE_ENCODING,
+    unpack_batch,
+)
 from lidarcodec.recording.order import in_sent_order
 from lidarcodec.recording.records import Channel, DamagedError, Record, Stored, Work
 from lidarcodec.recording.refinements import Refinements
@@ -38,6 +45,7 @@ class RecordingReader:
     """Reads a recording from an open binary file that can seek. The caller closes the file.
 
     metadata: texts of the writer (vehicle, sensor, settings, ...); empty for files of other programs
+    losses: what was measured while its frames were encoded, once they have been read; empty if that is not known
     profile: MCAP profile of the file, such as `ros2`; empty for recordings of lidarcodec
     channels: channels at the beginning of the file, by id;  schemas: names of types, by id
     size: bytes of the file
@@ -55,6 +63,7 @@ class RecordingReader:
         self._size = self.size = records.size_of(stream)
         self.counts: Counter[str] = Counter()
         self.metadata: dict[str, str] = {}
+        self.losses: dict[str, str] = {}
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, str] = {}
         self.profile = ""
@@ -161,6 +170,10 @@ class RecordingReader:
         elif record.opcode == records.SCHEMA and record.whole and len(self.schemas) < _MAX_CHANNELS:
             number, name = records.schema_of(source, record)
             self.schemas[number] = name
+        elif record.opcode == records.METADATA and record.whole and record.length <= records.MAX_ABOUT:
+            title, texts = records.metadata_of(source, record)
+            if title == LOSSES_NAME:
+                self.losses = texts
 
     def _inside(self, record: Record, check: bool = True) -> Iterator[Stored]:
         """Messages of a record of the data section; learns the channels in it."""

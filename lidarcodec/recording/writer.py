@@ -18,6 +18,7 @@ from lidarcodec.layers import peek_refinement
 from lidarcodec.layers.message import announced_size
 from lidarcodec.packet import Packet
 from lidarcodec.recording.layout import (
+    LOSSES_NAME,
     MESSAGE_ENCODING,
     METADATA_NAME,
     PACKET_ENCODING,
@@ -109,6 +110,11 @@ class RecordingWriter(McapFile):
                 self._add(where, foxglove.ENCODING, frame.stamp_ns, transform, frame.index, foxglove.FRAME_TRANSFORM)
         cloud = foxglove.point_cloud(frame, name)
         self._add(cloud_topic, foxglove.ENCODING, frame.stamp_ns, cloud, frame.index, foxglove.POINT_CLOUD)
+
+    def write_losses(self, texts: Mapping[str, str]) -> None:
+        """Add what was measured while all frames were encoded, behind them."""
+        self._mcap.add_metadata(LOSSES_NAME, dict(texts))
+        self._stream.flush()
 
     def copy(self, channel: Channel, schema: str, stored: Stored) -> None:
         """Add a message of another recording unchanged. schema: name of its type, empty if it has none.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 from lidarcodec.commands.info.explain import codec_name, explain, section_name, time_text
 from lidarcodec.commands.unkept import positions_of
 from lidarcodec.errors import CalibrationError, DecodeError, SettingsError
+from lidarcodec.evaluation.sent import Sent
 from lidarcodec.files.regular import open_regular
 from lidarcodec.message import Message, SectionType
 from lidarcodec.planes.calibrations import peek_sensor
@@ -32,6 +35,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     codecs: Counter[str] = Counter()
     messages = keys = frames = damaged = size = coded_positions = 0
     stamps: list[int] = []
+    sent = Sent()
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
@@ -49,7 +53,10 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 for section in message.sections:
                     sizes[section_name(section.type)] += len(section.data)
                     coded_positions += positions_of(section)
-                sensor = sensor or _sensor_of(message)
+                if sensor is None and (sensor := _sensor_of(message)) is not None:
+                    sent.range_step_m = sensor.range_step_m
+                with suppress(DecodeError):
+                    sent.add(message)
                 sections += sizes
                 codecs[codec_name(message.codec)] += 1
                 keys, frames = keys + message.key, frames + message.frame_count
@@ -92,6 +99,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "begins": time_text(stamps[0]) if stamps else None,
         "duration_s": round((stamps[1] - stamps[0]) * 1e-9, 3) if stamps else None,
         "codecs": dict(codecs),
+        **({"sent": sent.result() | _measured(reader.losses)} if frames else {}),
         "bytes of messages": size,
         "bytes by section": dict(sections),
         "noticed": counts,
@@ -99,6 +107,19 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "damaged": [row for row in rows if "damaged" in row],
     }
     return found
+
+
+def _measured(losses: dict[str, str]) -> dict[str, Any]:
+    """What `encode` measured, as the recording notes it; empty if it does not."""
+    found: dict[str, float] = {}
+    for name in ("returns_percent", "largest_error_m", "intensity_rms", "left_out"):
+        try:
+            value = float(losses.get(name, "nan"))
+        except ValueError:
+            continue
+        if math.isfinite(value):
+            found[name] = int(value) if name == "left_out" else value
+    return {"measured": found} if found else {}
 
 
 def _sensor_of(message: Message) -> Described | None:

@@ -40,6 +40,14 @@ class RecordingInfo(TypedDict):
     begins: Annotated[str | None, "time of the first message; null without messages"]
     duration_s: Annotated[float | None, "seconds from the first to the last message"]
     codecs: Annotated[dict[str, int], "number of messages of each codec"]
+    sent: NotRequired[
+        Annotated[
+            dict[str, Any],
+            "what its messages say was sent: `columns_percent` of columns; `least_bound_m` and `largest_bound_m` of "
+            "ranges; numbers of frames: `without_bound`, `reduced` by a choice of returns, and by how `intensity` was "
+            "sent. `measured`: what `encode` measured of all frames, as it prints it",
+        ]
+    ]
     noticed: Annotated[dict[str, int], "damage that was noticed, by kind"]
     refinements: NotRequired[Annotated[int, "of two layers: refinements; `bytes of refinements` has their size"]]
 
