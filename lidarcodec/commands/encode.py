@@ -67,7 +67,7 @@ def run(
     if kept is not None:
         kept_messages.run(kept, out, selection, named, clouds=clouds, force=force, as_json=as_json)
         return
-    with open_source(spec, calibration=calibration, poses=poses) as source:
+    with open_source(spec, calibration=calibration, poses=poses, points=clouds) as source:
         mounted.given_to(source)
         coding = _Coding(encoder, selection, named, posed=poses is not None, clouds=clouds, learn=learn)
         coded = coding.run(spec, source, out, force=force, as_json=as_json)

@@ -27,6 +27,7 @@ from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.layout import REFINE_ENCODING
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.sources.recording import RecordingSource
+from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.units import counted
 
 log = logging.getLogger(__name__)
@@ -78,11 +79,11 @@ def run(
                     writer.write_refinement(stored.data())
                     kept.size += stored.length
                 elif channel.encoding == MESSAGE_ENCODING and channel.topic == topic and _copied(writer, stored, kept):
-                    _points(writer, next(frames, []))
+                    _points(writer, next(frames, []), path)
                     tick()
             if not watched.cut:
                 for more in frames:
-                    _points(writer, more)
+                    _points(writer, more, path)
             if reader.losses and chosen.all and not watched.cut and not kept.left_out:
                 writer.write_losses(reader.losses)
             writer.close()
@@ -177,8 +178,9 @@ def _copied(writer: RecordingWriter, stored: Stored, kept: _Kept) -> bool:
     return True
 
 
-def _points(writer: RecordingWriter, frames: list[Frame]) -> None:
+def _points(writer: RecordingWriter, frames: list[Frame], path: Path) -> None:
     for frame in frames:
+        warn_if_generic(frame.sensor, str(path), path)
         writer.write_cloud(frame)
 
 

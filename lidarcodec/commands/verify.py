@@ -71,7 +71,7 @@ def compared(
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
     comparison, sent = Comparison(), Sent()
-    with open_source(spec, calibration=calibration) as source:
+    with open_source(spec, calibration=calibration, points=False) as source:
         packets = PacketsByTime(source.packets())
         watched = Watched(recorded, stopped)
         for frame in watched:

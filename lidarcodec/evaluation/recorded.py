@@ -89,7 +89,7 @@ class RecordedFrames:
         self.failed[f"{type(error).__name__}: {error}"] += 1
 
     def _from_packets(self) -> Iterator[Frame]:
-        with open_source(self._path) as source:
+        with open_source(self._path, points=False) as source:
             yield from frames_of(source.packets(), source.sensor)
             self.counts = source.counts
 

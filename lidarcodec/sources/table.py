@@ -54,6 +54,7 @@ def open_source(
     speed: float = 1.0,
     loop: bool = False,
     restamp: bool = False,
+    points: bool = True,
 ) -> PacketSource:
     """The source that a path, `udp://HOST:PORT` or `sim:SCENE?...` names, opened.
 
@@ -61,6 +62,7 @@ def open_source(
     poses:       a file of poses for `source.poses`
     realtime:    packets come at the sensor's own pace times `speed`, again and again with `loop`, stamped with the time
                  of now with `restamp`
+    points:      whether points are made of its frames, so that a generic calibration deserves a warning
     Raises SourceError, UnknownNameError (kind or option), CalibrationError, PacketError for another sensor.
     """
     parsed = parse(spec, SCHEMES)
@@ -68,7 +70,7 @@ def open_source(
     source = _class(kind).from_spec(parsed, None if calibration is None else Path(calibration))
     try:
         path = parsed.path if kind in ("capture", "recording") else None
-        if not getattr(source, "silent", False):
+        if points and not getattr(source, "silent", False):
             warn_if_generic(source.sensor, source.label if source.live else parsed.text, path, live=source.live)
         source.sensor = source.sensor.with_convention(convention)
         if poses is not None:

@@ -70,19 +70,27 @@ def note_of(sensor: SensorModel) -> str | None:
     return None if note is None else f"{note.in_short}: {note.meaning}"
 
 
-def warn_if_generic(sensor: SensorModel, label: str, path: Path | None = None, *, live: bool = False) -> bool:
-    """Log what a generic calibration, or missing metadata, means, once for each source; returns whether it is so.
+def remark_on(sensor: SensorModel, path: Path | None = None, *, live: bool = False) -> str:
+    """What a generic calibration, or missing metadata, means, and what to do; empty without one.
 
     path: of the capture, beside which a calibration may lie
     """
     note = _note(sensor, live=live)
     if note is None:
-        return False
-    if label not in _said:
+        return ""
+    name, file = ("NAME", "NAME.pcap") if path is None else (stem_of(path), path.name)
+    return f"{note.what}: {note.meaning}; {note.remedy.format(name=name, file=file)}"
+
+
+def warn_if_generic(sensor: SensorModel, label: str, path: Path | None = None, *, live: bool = False) -> bool:
+    """Log what a generic calibration, or missing metadata, means, once for each source; returns whether it is so.
+
+    path: of the capture, beside which a calibration may lie
+    """
+    remark = remark_on(sensor, path, live=live)
+    if remark and label not in _said:
         if len(_said) >= MAX_SAID:
             _said.clear()
         _said.add(label)
-        name, file = ("NAME", "NAME.pcap") if path is None else (stem_of(path), path.name)
-        remedy = note.remedy.format(name=name, file=file)
-        logger.warning("%s: %s: %s; %s", label, note.what, note.meaning, remedy)
-    return True
+        logger.warning("%s: %s", label, remark)
+    return bool(remark)

@@ -15,7 +15,7 @@ from lidarcodec.sources import open_source, unit_calibration
 from lidarcodec.sources.unit_calibration import is_generic, note_of
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.told import read_status
-from tests.command_line import run
+from tests.command_line import run_here
 from tests.sources import captures as c
 from tests.transport.test_contract import eventually
 
@@ -59,18 +59,32 @@ def test_the_simulator_is_not_taken_for_a_generic_sensor():
         assert not is_generic(source.sensor)
 
 
-def test_commands_say_it_once_and_so_does_decoding_what_was_encoded(capture):
-    recording, cloud = capture.with_name("a.mcap"), capture.with_name("clouds")
-    for words in (
-        ("encode", str(capture), str(recording)),
-        ("decode", str(recording), str(cloud)),
-        ("verify", str(recording), str(capture)),
-        ("info", str(capture)),
-        ("bench", str(capture), "--codec", "raw"),
-        ("convert", str(capture), str(capture.with_name("b.mcap"))),
+def test_commands_that_make_points_say_it_once_and_others_do_not(capture, caplog):
+    """Three lines at every command buried the one new warning among them, where packets are only kept."""
+    recording, folder = capture.with_name("a.mcap"), capture.parent
+    for words, times in (
+        (("encode", capture, recording), 0),
+        (("encode", capture, folder / "points.mcap", "--with-clouds"), 1),
+        (("encode", recording, folder / "added.mcap", "--with-clouds"), 1),
+        (("decode", recording, folder / "clouds"), 1),
+        (("decode", recording, folder / "back.pcap"), 0),
+        (("verify", recording, capture), 0),
+        (("bench", capture, "--codec", "raw"), 1),
+        (("convert", capture, folder / "b.mcap"), 0),
+        (("convert", capture, folder / "bag"), 0),
+        (("convert", capture, folder / "b.ply"), 1),
     ):
-        done = run(*words)
-        assert done.stderr.count(MEANS) == 1, (words, done.stderr)
+        caplog.clear()
+        unit_calibration._said.clear()
+        done = run_here(*words)
+        assert done.returncode == 0, done.stderr
+        assert caplog.text.count(MEANS) == times, (words, caplog.text)
+
+
+def test_info_notes_it_with_what_to_do(capture):
+    done = run_here("info", capture)
+    assert f"{MEANS}; packets and ranges are not affected; give --calibration FILE" in done.stdout
+    assert not done.stderr
 
 
 def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):

@@ -90,7 +90,7 @@ def run(
     contents = None if out.suffix else BAG_FILES
     check_free(out, force=force, contents=contents)
     with (
-        open_source(spec, calibration=calibration, poses=poses) as source,
+        open_source(spec, calibration=calibration, poses=poses, points=clouds) as source,
         stoppable(source.close if source.live else None) as stopped,
         progress("converting", frames) as tick,
         whole(out, force=force, contents=contents) as output,

@@ -85,17 +85,19 @@ class _Recorded:
 
     live = False
 
-    def __init__(self, path: Path, poses: Path | None, mounted: Mounted) -> None:
-        self._path, self._recorded = path, RecordedFrames(path)
+    def __init__(self, path: Path, poses: Path | None, mounted: Mounted, *, points: bool) -> None:
+        """points: whether points are made of the frames"""
+        self._path, self._recorded, self._points = path, RecordedFrames(path), points
         self._poses, self._mount = None, mounted.mount
         if poses is not None:
-            with open_source(path, poses=poses) as source:
+            with open_source(path, poses=poses, points=False) as source:
                 mounted.given_to(source)
                 self._poses = source.poses
 
     def __iter__(self) -> Iterator[Frame]:
         for frame in with_poses(self._recorded, self._poses, self._mount):
-            warn_if_generic(frame.sensor, str(self._path), self._path)
+            if self._points:
+                warn_if_generic(frame.sensor, str(self._path), self._path)
             yield frame
 
     def finish(self) -> None:
@@ -171,13 +173,17 @@ def frames_of_source(
     mounted: Mounted = NOT_SAID,
     *,
     posed: bool = False,
+    points: bool = True,
 ) -> Iterator[Frames]:
-    """Frames of any source. Of a recording of messages they are the decoded frames. posed: whether to take its poses"""
+    """Frames of any source. Of a recording of messages they are the decoded frames.
+
+    posed: whether to take its poses;  points: whether points are made of them
+    """
     parsed = parse(spec)
     if kind_of(parsed) == "recording" and not parsed.options and calibration is None:
-        yield _Recorded(parsed.path, poses, mounted)
+        yield _Recorded(parsed.path, poses, mounted, points=points)
         return
-    with open_source(spec, calibration=calibration, poses=poses) as source:
+    with open_source(spec, calibration=calibration, poses=poses, points=points) as source:
         mounted.given_to(source)
         yield _Read(source, posed=posed)
 
@@ -190,7 +196,8 @@ def convert(
     check_finite(spec, wanted.selection.frames, live_too=False)
     check_not_input(wanted.out, spec)
     posed = wanted.placing.merge or poses is not None
-    with frames_of_source(spec, calibration, poses, mounted, posed=posed) as frames:
+    points = wanted.form.first_returns
+    with frames_of_source(spec, calibration, poses, mounted, posed=posed, points=points) as frames:
         _write(spec, frames, wanted)
 
 
@@ -198,7 +205,7 @@ def decode(recording: Path, wanted: Wanted, poses: Path | None = None, mounted: 
     """Write the frames of a recording."""
     check_not_input(wanted.out, recording)
     wanted.check()
-    _write(str(recording), _Recorded(recording, poses, mounted), wanted)
+    _write(str(recording), _Recorded(recording, poses, mounted, points=wanted.form.first_returns), wanted)
 
 
 @dataclass

@@ -24,6 +24,8 @@ from lidarcodec.sensors.recognise import STREAM_PACKETS
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import LIVE, parse
+from lidarcodec.sources.table import SCHEMES, kind_of
+from lidarcodec.sources.unit_calibration import remark_on
 from lidarcodec.units import FRAME_PACKETS
 
 LOOK_PACKETS = 10 * FRAME_PACKETS
@@ -87,7 +89,10 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     totals, status = _Totals(), StatusReader()
     packets = positions = 0
     first: list[bytes] = []
-    with open_source(_limited(spec), calibration=calibration) as source, progress("reading packets", limit) as tick:
+    with (
+        open_source(_limited(spec), calibration=calibration, points=False) as source,
+        progress("reading packets", limit) as tick,
+    ):
         sensor = source.sensor
         assembler = Assembler(sensor)
         for packet in source.packets():
@@ -115,6 +120,8 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
                 f"{source.label}: no packet arrived within {quiet_s:g} s{besides}. Check that the sensor is on and "
                 "sends to this address. ?idle=60 waits for 60 s"
             )
+        path = parse(spec).path if kind_of(parse(spec, SCHEMES)) in ("capture", "recording") else None
+        remark = remark_on(sensor, path, live=source.live)
         label, fidelity = source.label, getattr(source, "fidelity", None)
     del noticed["packets"], noticed["frames"], noticed["position packets"]
     duration_s = (totals.last_ns - (totals.first_ns or 0)) * 1e-9
@@ -125,6 +132,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "model": sensor.model,
         **({} if sensor.is_hdl64e else _about(sensor, first)),
         "calibration": {"origin": sensor.origin, "hash": sensor.hash},
+        **({"note": remark} if remark else {}),
         "packets": packets,
         **({"position packets": positions} if positions else {}),
         "frames": totals.frames,

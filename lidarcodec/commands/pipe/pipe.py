@@ -128,7 +128,7 @@ def run(
     _check(spec, form, recodes, standard)
     done, out = _Done(), Counting(os.fdopen(os.dup(standard[1]), "wb"))
     try:
-        with _opened(spec, frames, calibration, model, standard[0]) as feed:
+        with _opened(spec, frames, calibration, model, standard[0], points=form == "points") as feed:
             if form in OF_FRAMES:
                 frame_writer = Captured(out) if form == "pcap" else Clouds(out)
                 _write_frames(feed.frames(settings.framing, done), frame_writer, done)
@@ -200,9 +200,12 @@ def _is_nowhere(descriptor: int) -> bool:
 
 @contextlib.contextmanager
 def _opened(
-    spec: str, most: int | None, calibration: Path | None, model: str | None, descriptor: int
+    spec: str, most: int | None, calibration: Path | None, model: str | None, descriptor: int, *, points: bool
 ) -> Iterator[_Feed]:
-    """What comes in, opened. A signal ends it behind a frame. descriptor: of standard input"""
+    """What comes in, opened. A signal ends it behind a frame.
+
+    descriptor: of standard input;  points: whether points are made
+    """
     with contextlib.ExitStack() as stack:
         feed = _Feed(lambda: False, most)
         feed.stopped = stack.enter_context(stoppable(lambda: _finish(feed.source)))
@@ -215,7 +218,9 @@ def _opened(
         else:
             _open_recording(feed, spec, stack)
             if feed.recording is None:
-                feed.source = stack.enter_context(open_source(of_model(spec, model), calibration=calibration))
+                feed.source = stack.enter_context(
+                    open_source(of_model(spec, model), calibration=calibration, points=points)
+                )
         for name, value in (("--calibration", calibration), ("--model", model)):
             if feed.source is None and value is not None:
                 raise SettingsError(

@@ -15,6 +15,7 @@ class SourceInfo(TypedDict):
     sensor: Annotated[str, "name of the sensor"]
     model: Annotated[str, "name of the model, as in `--model`"]
     calibration: Annotated[dict[str, str], "its `origin` and its `hash`"]
+    note: NotRequired[Annotated[str, "what it means that the unit has no calibration of its own, and what to do"]]
     packets: Annotated[int, "number of packets; position packets are counted apart"]
     frames: Annotated[float | int, "number of turns"]
     short_turns: NotRequired[
