@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 from pathlib import Path
@@ -67,3 +68,13 @@ def _renameat2(old: Path, new: Path, flags: int) -> None:
     if call(_HERE, os.fsencode(old), _HERE, os.fsencode(new), flags) != 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number), str(old), None, str(new))
+
+
+def synced(folder: Path) -> None:
+    """Make the names in a folder survive a loss of power, where the file system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

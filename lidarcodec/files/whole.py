@@ -20,7 +20,6 @@ import errno
 import logging
 import os
 import re
-import secrets
 import shutil
 import stat
 from collections.abc import Callable, Iterator
@@ -30,12 +29,11 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
-from lidarcodec.files.renaming import exchange, rename_new
+from lidarcodec.files.leftovers import held, hidden_name, let_go, remove_leftovers
+from lidarcodec.files.renaming import exchange, rename_new, synced
 
 log = logging.getLogger(__name__)
 
-_NAME_CHARACTERS: Final = 40
-"""Of a hidden name, those that tell what it belongs to: a long name must not become too long."""
 _MOST_BYTES: Final = 255
 """Of a name, where the file system does not say."""
 _COMPANION_BYTES: Final = 16
@@ -60,9 +58,10 @@ class Whole:
         contents: re.Pattern[str] | None = None,
         private: bool = False,
         sync: bool = True,
+        tidy: bool = True,
     ) -> None:
         """force: whether to take the place of what has the name;  private: whether only the owner may read it
-        sync: whether it is to survive a loss of power
+        sync: whether it is to survive a loss of power;  tidy: whether to remove what killed programs left of it
         contents: makes it a folder; names of the files that such a folder holds, and that may be replaced
 
         Raises SettingsError if the name is taken, SourceError if nothing can be written there.
@@ -73,6 +72,8 @@ class Whole:
         self.straight = _straight(path)
         self._hidden: set[Path] = set()
         self._identities: dict[Path, tuple[int, int]] = {}
+        self._handles: list[int] = []
+        self._tidy = tidy
         self._force, self._contents, self._private, self._sync = force, contents, private, sync
         self._companions: list[tuple[Callable[[Path], Path], Path]] = []
         self._as_part = False
@@ -118,12 +119,16 @@ class Whole:
         for hidden in list(self._hidden):
             _remove(hidden)
             self._hidden.discard(hidden)
+        while self._handles:
+            let_go(self._handles.pop())
         _begun.discard(self)
 
     def _made(self, suffix: str, *, folder: bool) -> Path:
         """A new hidden file or folder that only its owner reads."""
+        if self._tidy and not folder:
+            remove_leftovers(self.path, suffix)
         while True:
-            beside = self.path.with_name(f".{self.path.stem[:_NAME_CHARACTERS]}.{secrets.token_hex(6)}{suffix}")
+            beside = hidden_name(self.path, suffix)
             self._hidden.add(beside)  # first: a signal may come right behind the next step
             try:
                 if folder:
@@ -136,6 +141,8 @@ class Whole:
             except OSError as error:
                 raise self._said(error) from None
             else:
+                handle = held(beside)
+                self._handles += [] if handle is None else [handle]
                 return beside
 
     def _finish(self, beside: Path) -> None:
@@ -176,7 +183,7 @@ class Whole:
             raise
         self.kept = name
         if self._sync:
-            _synced(name.parent)
+            synced(name.parent)
         for beside, target, was_there in swapped:
             if was_there:
                 self._remove_old(beside, target)
@@ -255,12 +262,13 @@ def whole(
     contents: re.Pattern[str] | None = None,
     private: bool = False,
     sync: bool = True,
+    tidy: bool = True,
 ) -> Iterator[Whole]:
     """An output that gets its name at the end; nothing is left behind if that does not come. See `Whole`.
 
     Raises SettingsError if the name is taken, SourceError when it cannot be written.
     """
-    output = Whole(path, force=force, contents=contents, private=private, sync=sync)
+    output = Whole(path, force=force, contents=contents, private=private, sync=sync, tidy=tidy)
     try:
         yield output
         if output in _begun:  # it was not dropped
@@ -279,7 +287,7 @@ def written_whole(path: Path, *, private: bool = False, sync: bool = True) -> It
 
     Raises SettingsError if that is a folder, SourceError when it cannot be written; nothing is left behind then.
     """
-    with whole(path, force=True, private=private, sync=sync) as output:
+    with whole(path, force=True, private=private, sync=sync, tidy=False) as output:
         yield output.beside
 
 
@@ -383,13 +391,3 @@ def _umask() -> int:
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
-
-
-def _synced(folder: Path) -> None:
-    """Makes the names in a folder survive a loss of power, where the file system can."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
