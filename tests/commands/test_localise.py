@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.commands.certs import command as certs
 from lidarcodec.commands.localise import run as command
 from lidarcodec.commands.localise.messages import pose_json, read_odometry, tum_line
 from lidarcodec.evaluation.rigid import exp_so3
@@ -154,6 +155,19 @@ def test_what_cannot_be_is_refused_in_one_line(street, words, named, code):
     ran = run_here("localise", *[street if word == "STREET" else word for word in words])
     assert ran.returncode == code, ran.stderr
     assert named in the_one_line(ran)
+
+
+def test_a_viewer_is_told_that_its_poses_reach_nobody(tmp_path, caplog):
+    """The rules of a deployment let operators alone say where a sensor is, and drop what a viewer says without a word."""
+    pytest.importorskip("cryptography")
+    folder = tmp_path / "files"
+    given = {"vehicles": ["car-7"], "viewers": ["anna"], "operators": ["olga"]}
+    certs.run(folder, routers=["a.example"], **given, auth=None, port=None, days=9)
+    for name, warned in (("viewer-anna", True), ("operator-olga", False)):
+        config = folder / f"{name}.json5"
+        caplog.clear()
+        ran = run_here("localise", "car-7/roof", "--map", tmp_path / "no.lcmap", "--zenoh-config", config)
+        assert (ran.returncode, "anna is a viewer" in caplog.text) == (1, warned), ran.stderr
 
 
 def test_streams_and_sources_are_told_apart(tmp_path, monkeypatch):
