@@ -158,7 +158,7 @@ def test_what_cannot_be_is_refused_in_one_line(street, words, named, code):
 
 
 def test_a_viewer_is_told_that_its_poses_reach_nobody(tmp_path, caplog):
-    """The rules of a deployment let operators alone say where a sensor is, and drop what a viewer says without a word."""
+    """The rules of a deployment let only operators say where a sensor is, and drop the rest without a word."""
     pytest.importorskip("cryptography")
     folder = tmp_path / "files"
     given = {"vehicles": ["car-7"], "viewers": ["anna"], "operators": ["olga"]}
