@@ -64,8 +64,9 @@ class MapBuilder:
         self.scans += 1
 
     def write(self, file: BinaryIO, tick: Callable[[], None] = lambda: None) -> int:
-        """Write the map, and return the number of its points. tick: called after each tile.
+        """Write the map, and return the number of its points. More scans may be added later, for another file.
 
+        tick: called after each tile
         Raises SourceError if there are fewer than 100 points.
         """
         bits = {"normal_a": NORMAL_BITS, "normal_b": NORMAL_BITS, "count": 8}
@@ -73,7 +74,7 @@ class MapBuilder:
         head = Head(self._step_um, {**bits, "first": seen_bits, "last": seen_bits}, self._frame)
         writer = MapWriter(file, head)
         static = _Static(self._grid, self._least_seen)
-        written = 0
+        written = self.moving = self.seldom = 0
         for tile, _ in self._grid.finish():
             cells = static.of(tile)
             self.moving += static.moving

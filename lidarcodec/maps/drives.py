@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.rigid import Matrix, moved
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, deskewed, near, odometry, refine, scan_of
 from lidarcodec.frame import Frame
@@ -91,24 +91,29 @@ def _whole(first: Sequence[Frame], rest: Iterator[Frame], usual: float) -> Itera
         yield from (frame for frame in frames if frame.width >= WHOLE * usual)
 
 
-def world_scans(drives: Sequence[DriveSpec], tick: Tick = lambda: None) -> Iterator[Iterator[Seen]]:
-    """The scans of each drive in the world. A single drive without poses gets those that are found; its first scan is
-    the origin then, or the vehicle at that scan where the mounting of the sensor is known.
+@dataclass(frozen=True)
+class PosedDrive:
+    """A drive whose poses are known. given: whether they were; otherwise they were found, from its own scans"""
 
-    Raises SettingsError if several drives do not all have poses, SourceError.
-    """
-    poses = [drive.given_poses() for drive in drives]
-    if len(drives) > 1 and None in poses:
-        raise SettingsError(
-            f"{drives[poses.index(None)].spec} has no poses: several drives need poses in a common frame, so "
-            "give --poses FILE once for each (drives are not aligned automatically)",
-            "poses",
-        )
-    for drive, given in zip(drives, poses, strict=True):
-        if given is None:
-            yield _by_found(drive, found_trajectory(drive, tick))
-        else:
-            yield by_given(drive, given)
+    drive: DriveSpec
+    poses: Poses | Trajectory
+    given: bool
+
+    def scans(self) -> Iterator[Seen]:
+        """The scans in the frame of the poses. Of poses that were found the first scan is the origin, or the vehicle at
+        that scan where the mounting of the sensor is known. Raises SourceError if the poses do not cover a scan.
+        """
+        if isinstance(self.poses, Poses):
+            return by_given(self.drive, self.poses)
+        return _by_found(self.drive, self.poses)
+
+
+def posed(drive: DriveSpec, tick: Tick = lambda: None) -> PosedDrive:
+    """A drive with its poses. If there are none they are found, about 1 s a scan. Raises SourceError."""
+    given = drive.given_poses()
+    if given is not None:
+        return PosedDrive(drive, given, given=True)
+    return PosedDrive(drive, found_trajectory(drive, tick), given=False)
 
 
 def by_given(drive: DriveSpec, poses: Poses) -> Iterator[Seen]:

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from lidarcodec.evaluation.rigid import exp_so3, invert, log_so3, moved
 from lidarcodec.maps.file import read_map
+from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
 
 SOURCE = "sim:street?frames=5&traffic=0"
@@ -56,6 +58,8 @@ def test_a_map_in_utm_is_the_local_one_turned_and_moved(town, tmp_path):
         (["build", SOURCE, "-o", "a.pcd"], ".lcmap", 2),
         (["build", "sim:street", "-o", "a.lcmap"], "--frames", 2),
         (["build", SOURCE, "-o", "a.lcmap", "--origin", "north"], "LAT,LON,HEADING", 2),
+        (["build", SOURCE, "sim:city?frames=2", "-o", "a.lcmap", "--start", "a,b,c"], "X,Y,YAW", 2),
+        (["build", SOURCE, "sim:city?frames=2", "-o", "a.lcmap", "--start", "1,2,3", "--start", "1,2,3"], "starts", 2),
         (["compress", "a.lcmap", "-o", "b.lcmap"], "--keep", 2),
         (["compress", "a.lcmap", "-o", "b.lcmap", "--keep", "5"], "20%,5%", 2),
         (["compress", "a.lcmap", "-o", "b.lcmap", "--keep", "5%", "--by", "learned"], "learned", 2),
@@ -71,13 +75,40 @@ def test_what_cannot_be_is_refused_in_one_line_and_leaves_nothing(words, named, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_several_drives_need_poses(tmp_path):
+def test_a_drive_that_does_not_overlap_enough_is_refused_and_named(tmp_path):
     capture = tmp_path / "street.pcap"
     assert run_here("simulate", SOURCE, capture).returncode == 0
     ran = run_here("map", "build", SOURCE, capture, "-o", tmp_path / "a.lcmap")
-    assert ran.returncode == 2
-    assert "several drives need poses in a common frame" in the_one_line(ran)
+    assert ran.returncode == 1
+    line = the_one_line(ran)
+    assert f"{capture} cannot be aligned with the drives before it: it leads over less than 10 m" in line
+    assert "--poses" in line
     assert not (tmp_path / "a.lcmap").exists()
+
+
+@pytest.mark.sweep
+def test_drives_in_opposite_directions_without_common_poses_are_aligned(tmp_path):
+    """Twice the same street of a town: the poses of the second drive are turned and moved."""
+    there, back = (f"sim:city?seed=3&traffic=0&frames=24&skip={skip}" for skip in (400, 1080))
+    T_there_own = np.eye(4)
+    T_there_own[:3, :3], T_there_own[:3, 3] = exp_so3(np.array([0.0, 0.0, 1.3])), (35.0, -20.0, 1.5)
+    files = []
+    for source, transform in ((there, np.eye(4)), (back, T_there_own)):
+        with open_source(source) as opened:
+            first = next(iter(opened.packets())).stamp_ns
+            stamps = first + np.arange(-2, 150) * 20_000_000
+            poses = invert(transform) @ np.stack([opened.poses.at(int(stamp)) for stamp in stamps])
+        files.append(tmp_path / f"{len(files)}.npz")
+        np.savez(files[-1], T_world_sensor=poses, stamps=stamps * 1e-9)
+    words = ("build", there, back, "-o", tmp_path / "a.lcmap", "--poses", files[0], "--poses", files[1], "--align")
+    made = printed(*words)
+    (found,) = made["aligned"]
+    off = np.array(found["transform"]) @ invert(T_there_own)
+    assert np.linalg.norm(moved(off, np.stack([np.eye(4)])[:, 3, :3])) < 0.5
+    assert found["source"] == back
+    assert found["scans"] == found["of"] >= 10
+    assert found["residual_m"] < 0.05
+    assert np.degrees(np.linalg.norm(log_so3(off[None, :3, :3]))) < 0.2
 
 
 def test_a_step_that_does_not_divide_a_tile_is_refused_before_any_work(tmp_path):

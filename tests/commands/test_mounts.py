@@ -14,7 +14,7 @@ from lidarcodec.commands.publish import config as publish_config
 from lidarcodec.commands.selection.points import Placing
 from lidarcodec.errors import SettingsError
 from lidarcodec.interop import ros
-from lidarcodec.maps.drives import world_scans
+from lidarcodec.maps.drives import posed
 from lidarcodec.mounting import Mounting
 from lidarcodec.sources import open_source
 from lidarcodec.sources.mounts import MOST_SENSORS, Mounted, mount_of, read_mounts
@@ -176,7 +176,7 @@ def test_a_map_of_one_drive_begins_at_the_vehicle(tmp_path):
     )
     for drives in (plain, mounted):  # as if the simulator's poses were not known
         object.__setattr__(drives[0], "given_poses", lambda: None)
-    (before,), (after,) = ([next(scans) for scans in world_scans(drives)] for drives in (plain, mounted))
+    before, after = (next(posed(drives[0]).scans()) for drives in (plain, mounted))
     T = ROOF.T_vehicle_sensor
     np.testing.assert_allclose(after.pose, T @ before.pose, atol=1e-9)
     np.testing.assert_allclose(after.points, before.points @ T[:3, :3].T + T[:3, 3], atol=1e-6)

@@ -6,7 +6,7 @@ import math
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.commands.sources import check_finite, check_not_input, check_recorded
 from lidarcodec.errors import SettingsError
-from lidarcodec.evaluation.rigid import Matrix, exp_so3, moved
+from lidarcodec.evaluation.rigid import Matrix, exp_so3
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.maps.build import MapBuilder
-from lidarcodec.maps.drives import DriveSpec, world_scans
+from lidarcodec.maps.drives import DriveSpec
 from lidarcodec.maps.file import check_step
 from lidarcodec.maps.geodesy import utm_of
+from lidarcodec.maps.joining import Joined, Joining, Start
 from lidarcodec.maps.points import MapFrame
 from lidarcodec.sources.mounts import Mounted
 
@@ -45,6 +46,21 @@ class Asked:
     calibration: Path | None
     mounts: list[str] = field(default_factory=list)
     poses_of: str | None = None
+    align: bool = False
+    starts: list[str] = field(default_factory=list)
+
+    def first_poses(self) -> list[Start | None]:
+        """Where the first scan of each drive is in the map; None if it is not said. Raises SettingsError."""
+        if not self.starts:
+            return [None] * len(self.sources)
+        if len(self.starts) != len(self.sources) - 1:
+            raise SettingsError(
+                f"{len(self.sources)} sources have {len(self.starts)} starts: give --start once for each SOURCE after "
+                "the first",
+                "start",
+            )
+        form = "X,Y,YAW in metres and degrees of the map, as in 12.5,-3,90"
+        return [None, *(Start(*numbers_of("--start", start, form, 3)) for start in self.starts)]
 
     def drives(self) -> list[DriveSpec]:
         """The drives with their poses. Raises SettingsError."""
@@ -103,17 +119,16 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     check_step(round(asked.step_m * 1e6))
     drives = asked.drives()
     T_map_world, frame = placed(asked.origin)
+    starts = asked.first_poses()
+    step_um = round(asked.step_m * 1e6)
     with (
         whole(asked.out, force=force) as output,
         tempfile.TemporaryDirectory(prefix="lidarcodec-map-") as folder,
         progress("building a map", asked.frames and asked.frames * len(drives)) as tick,
     ):
-        builder = MapBuilder(Path(folder), round(asked.step_m * 1e6), frame, asked.least_seen)
-        for scans in world_scans(drives, tick):
-            builder.start_drive()
-            for points, pose in scans:
-                builder.add(moved(T_map_world, points), T_map_world @ pose)
-                tick()
+        (tiles := Path(folder) / "tiles").mkdir()
+        builder = MapBuilder(tiles, step_um, frame, asked.least_seen)
+        joined = Joining(builder, T_map_world, Path(folder), tick).add(drives, align=asked.align, starts=starts)
         with output.beside.open("w+b") as file:
             points_written = builder.write(file, tick)
             size = file.tell()
@@ -125,10 +140,38 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
         "bytes": size,
         "moving": builder.moving,
         "seldom": builder.seldom,
+        "aligned": [_alignment(one) for one in joined if one.alignment is not None],
     }
     text = (
         f"{found['output']}: {points_written:,} points of {builder.scans} scans over {builder.length_m:.1f} m, "
         f"{size:,} bytes; left out: {builder.moving:,} cells that were seen through, {builder.seldom:,} that fewer "
         f"than {asked.least_seen} scans hit"
     )
-    tell(found, text, as_json)
+    tell(found, "\n".join([text, *(_said(one) for one in joined if one.alignment is not None)]), as_json)
+
+
+def _alignment(one: Joined) -> dict[str, Any]:
+    """What --json says of a drive that was aligned."""
+    found = one.alignment
+    assert found is not None
+    return {
+        "source": one.drive.spec,
+        "transform": [[round(value, 6) for value in row] for row in found.transform.tolist()],
+        "scans": found.scans,
+        "of": found.of,
+        "overlap": round(found.overlap, 3),
+        "residual_m": round(found.residual_m, 4),
+        "residual_deg": round(found.residual_deg, 4),
+    }
+
+
+def _said(one: Joined) -> str:
+    found = one.alignment
+    assert found is not None
+    x, y, z = found.transform[:3, 3]
+    yaw = math.degrees(math.atan2(found.transform[1, 0], found.transform[0, 0]))
+    return (
+        f"{one.drive.spec}: aligned by overlap, moved by {x:.2f}, {y:.2f}, {z:.2f} m and turned by {yaw:.2f} degrees; "
+        f"{found.scans} of {found.of} scans in the map of the others fit to {found.residual_m:.3f} m and "
+        f"{found.residual_deg:.3f} degrees; {100 * found.overlap:.0f} % of its way lies there"
+    )

@@ -41,7 +41,7 @@ def build(
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar="SOURCE...", show_default=False, help="Drives. Several drives need poses in a common frame."
+            metavar="SOURCE...", show_default=False, help="Drives. Those without poses are aligned by their overlap."
         ),
     ],
     out: Out,
@@ -64,6 +64,19 @@ def build(
         ),
     ] = None,
     poses_of: PosesOf = None,
+    align: Annotated[
+        bool,
+        Option("--align", help="Poses of each SOURCE are in a frame of its own: align all by their overlap."),
+    ] = False,
+    start: Annotated[
+        list[str] | None,
+        Option(
+            "--start",
+            metavar="X,Y,YAW",
+            help="Where the first scan of a SOURCE is in the map, to 5 m and 20 degrees: once for each SOURCE after "
+            "the first. It is not searched then.",
+        ),
+    ] = None,
     origin: Annotated[
         str | None,
         Option(
@@ -91,8 +104,9 @@ def build(
     from lidarcodec.commands.map.build import Asked, run
 
     asked = Asked(
-        sources, out, poses or [], origin, step, least_seen, every, frames, skip, calibration, mount or [], poses_of
-    )
+        sources, out, poses or [], origin, step, least_seen, every, frames, skip, calibration, mount or [], poses_of,
+        align, start or [],
+    )  # fmt: skip
     run(asked, force, as_json)
 
 

@@ -7,6 +7,18 @@ from typing import Annotated, Any, NotRequired
 from typing_extensions import TypedDict
 
 
+class DriveAligned(TypedDict):
+    """A drive that was aligned with the others by its overlap."""
+
+    source: Annotated[str, "the drive"]
+    transform: Annotated[list[list[float]], "4 x 4: from the frame of its poses to that of the map"]
+    scans: Annotated[int, "its scans that fit the map of the others, of those tried"]
+    of: Annotated[int, "its scans that lie in that map, of those tried"]
+    overlap: Annotated[float, "share of its way that lies in that map"]
+    residual_m: Annotated[float, "by how much those that fit disagree, as a root mean square"]
+    residual_deg: Annotated[float, "the same in degrees"]
+
+
 class MapBuilt(TypedDict):
     """Of `map build`."""
 
@@ -17,6 +29,7 @@ class MapBuilt(TypedDict):
     bytes: Annotated[int, "size of the file"]
     moving: Annotated[int, "cells that were left out because more scans saw through them than hit them"]
     seldom: Annotated[int, "cells that were left out because too few scans hit them"]
+    aligned: Annotated[list[DriveAligned], "drives that were aligned by their overlap"]
 
 
 # A function of typing: one of the fields has the name of a word of Python.

@@ -149,7 +149,7 @@ def _cells_of(cloud: Matrix) -> tuple[Matrix, float]:
     near = cloud[np.einsum("ij,ij->i", cloud[:, :2], cloud[:, :2]) < REACH_M**2]
     if len(near) < FEWEST:
         return np.empty((0, 2)), 0.0
-    standing = near[_above_ground(near)]
+    standing = near[above_ground(near)]
     cells = np.unique(np.floor(standing[:, :2] / (CELL_M / 2)), axis=0)
     around = near[np.einsum("ij,ij->i", near[:, :2], near[:, :2]) < 15.0**2]
     return (cells + 0.5) * (CELL_M / 2), -_ground(around if len(around) >= FEWEST else near)
@@ -159,7 +159,7 @@ def _ground(points: Matrix) -> float:
     return float(np.percentile(points[:, 2], 10))
 
 
-def _above_ground(points: Matrix) -> npt.NDArray[np.bool_]:
+def above_ground(points: Matrix) -> npt.NDArray[np.bool_]:
     """(N,) whether points (N, 3) are clearly above the lowest one around."""
     cells = np.floor(points[:, :2] / GROUND_M).astype(np.int64)
     cells -= cells.min(axis=0) - 1
@@ -191,7 +191,7 @@ def _in_block(window: Window, block: tuple[int, int], cells: Matrix) -> list[Can
     if len(points) < FEWEST:
         return []
     shape = np.ceil((high - low) / CELL_M).astype(int) + 1
-    standing = points[_above_ground(points)]
+    standing = points[above_ground(points)]
     grid = np.zeros(shape, np.float32)
     at = ((standing[:, :2] - low) / CELL_M).astype(int)
     grid[at[:, 0], at[:, 1]] = 1.0

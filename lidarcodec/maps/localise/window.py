@@ -66,8 +66,9 @@ class Windows(NamedTuple):
 class MapWindow:
     """The tiles within 100 m of the last place. damaged: tiles that could not be decoded, each said once in the log"""
 
-    def __init__(self, reader: MapReader) -> None:
-        self.reader = reader
+    def __init__(self, reader: MapReader, most_in_tile: int | None = None) -> None:
+        """most_in_tile: of a tile with more points so many are taken by lot"""
+        self.reader, self._most_in_tile = reader, most_in_tile
         self.damaged: set[Place] = set()
         self._tiles: dict[Place, Tile] = {}
         self._made: tuple[Matrix, MapWorld | None] | None = None
@@ -133,7 +134,15 @@ class MapWindow:
 
     def _read(self, place: Place) -> None:
         try:
-            self._tiles[place] = self.reader.tile(place)
+            self._tiles[place] = _thinned(self.reader.tile(place), self._most_in_tile)
         except DecodeError as error:
             self.damaged.add(place)
             logger.warning("the tile %d, %d of the map cannot be read and is left out: %s", place.x, place.y, error)
+
+
+def _thinned(tile: Tile, most: int | None) -> Tile:
+    """The tile, or some of its points by lot, always the same ones."""
+    if most is None or len(tile.steps) <= most:
+        return tile
+    chosen = np.sort(np.random.default_rng(7).permutation(len(tile.steps))[:most])
+    return tile._replace(steps=tile.steps[chosen], columns=tile.columns[chosen])
