@@ -10,6 +10,7 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, Origin, SensorModel
 from lidarcodec.sensors.calibration import read_calibration
+from lidarcodec.sensors.calibration_kinds import check_maker
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.generic import generic_for
 from lidarcodec.sensors.images import Sensor
@@ -34,6 +35,8 @@ def find_sensor(
     if model is None:
         found = detect(first_payloads)
         model = HDL64E if found is None else found.model
+    if given is not None and model not in (PACKETS, POINTCLOUD2):
+        check_maker(_read(given), model, str(given))
     if model == HDL64E:
         return find_calibration(capture, given, first_payloads)
     if model == PACKETS:
@@ -51,7 +54,9 @@ def _of_model(family: Sensor, capture: Path | None, given: Path | None) -> Senso
         return family.calibrated(_read(given), "given", str(given))
     for path in beside(capture) if capture is not None else ():
         try:
-            return family.calibrated(_read(path), "beside", str(path))
+            data = _read(path)
+            check_maker(data, family.name, str(path))
+            return family.calibrated(data, "beside", str(path))
         except CalibrationError as error:
             log.warning("not used: %s", error)
     return family.generic_sensor

@@ -36,7 +36,7 @@ def parse(data: bytes, channels: int) -> Calibration:
     except UnicodeDecodeError:
         raise CalibrationError("it is not text: a Hesai angle correction file is a .csv") from None
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip(" ,\t\0")]
-    if not lines or not _is_header(lines[0][1]):
+    if not lines or not is_header(lines[0][1]):
         raise CalibrationError("its first line is not 'Laser id,Elevation,Azimuth', as in Hesai's .csv files")
     found: dict[int, tuple[float, float]] = {}
     for number, line in lines[1:]:
@@ -63,7 +63,8 @@ def text(calibration: Calibration) -> str:
     return "\n".join(["Laser id,Elevation,Azimuth", *lines, ""])
 
 
-def _is_header(line: str) -> bool:
+def is_header(line: str) -> bool:
+    """Whether this is the first line of such a file."""
     names = [cell.strip().lower() for cell in line.split(",")]
     return len(names) >= 3 and names[0] in ("laser id", "channel") and names[1:3] == list(COLUMNS)
 

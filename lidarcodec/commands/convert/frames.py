@@ -31,6 +31,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import frames_of
 from lidarcodec.recording.layer_counts import LAYERS
+from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
@@ -216,6 +217,8 @@ class _Written:
     points: int = 0
     positions: int = 0
     second_returns: int = 0
+    returns: int = 0
+    columns: int = 0
 
 
 def _write(name: str, source: Frames, wanted: Wanted) -> None:
@@ -239,6 +242,8 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
                 tick()
+        if wanted.form.first_returns and not written.returns:
+            raise _without_points(name, out, frame.sensor.model, written)
         part = watched.cut or (
             source.live and stopped() and selection.frames is not None and written.frames < selection.frames
         )
@@ -256,10 +261,24 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     cloud = wanted.placing.points(frame) if wanted.form.points else NO_CLOUD
     writer.write(frame, cloud)
     written.frames += 1
+    written.returns, written.columns = written.returns + frame.points, written.columns + frame.width
     written.points += len(cloud) if wanted.form.points else frame.points
     written.positions += positions_in(frame)
     if wanted.form.first_returns and wanted.placing.returns == "first":
         written.second_returns += second_returns(frame)
+
+
+def _without_points(name: str, out: Path, model: str, written: _Written) -> SourceError:
+    """The error for frames without any return."""
+    if written.columns:
+        return SourceError(f"{name} has no returns in {counted(written.frames, 'frame')}: {out} was not written")
+    if model == PACKETS:
+        return SourceError(f"--model {PACKETS} takes packets as they are, without points: {out} was not written")
+    place = name.partition("?")[0]
+    return SourceError(
+        f"no packet of {place} is one of the model {model}, so there are no points: {out} was not written. Leave "
+        "--model out, and the sensor is recognised"
+    )
 
 
 def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, int] | None) -> None:
