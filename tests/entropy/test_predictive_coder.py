@@ -274,10 +274,10 @@ def test_a_firing_beyond_the_pattern_is_refused() -> None:
     data = bytearray(coded(ranges, returns, fired, SENSOR, 1, firing=23))
     assert data[3] == 23
     data[3] = 24
-    with pytest.raises(SectionError, match="counted"):
+    with pytest.raises(SectionError, match="count of firings"):
         decoded(bytes(data), returns, fired, SENSOR, 1)
     frame = Given(layout_of(fired, SENSOR), 1, LEVELS.tolist())
-    with pytest.raises(SectionError, match="counted"):
+    with pytest.raises(SectionError, match="count of firings"):
         predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
 
 
