@@ -6,7 +6,7 @@ vehicle's status. A receiver has no originals, so it compares nothing.
 >>> losses = CodingLosses()
 >>> losses.told({"settings": {"codec": "pcodec"}, "rate": {"max_error_m": 0.05, "intensity": "off"}})
 >>> losses.text()
-', ranges off by at most 0.05 m, intensity off'
+', ranges off by at most 0.05 m, intensities left out'
 """
 
 from __future__ import annotations
@@ -93,8 +93,20 @@ class CodingLosses:
         far = "" if self._bounded else ", ranges off by no known bound"
         if self._bounded and self._largest_m:
             far = f", ranges off by at most {self._largest_m:.3g} m"
-        ways = [one for one in self.intensity if one != LOSSLESS]
-        return kept + far + (f", intensity {', '.join(ways)}" if ways else "")
+        return kept + far + self._intensity_text()
+
+    def _intensity_text(self) -> str:
+        values = sorted(int(one) for one in self._numbers_of("levels"))
+        errors = sorted(int(one) for one in self._numbers_of("error"))
+        few = f"{values[0]} to {values[-1]}" if values and values[0] < values[-1] else "".join(map(str, values[:1]))
+        ways = ["left out"] * ("off" in self.intensity)
+        ways += [f"in {few} values"] if values else []
+        ways += [f"off by at most {errors[-1]}"] if errors else []
+        return f", intensities {' or '.join(ways)}" if ways else ""
+
+    def _numbers_of(self, name: str) -> list[str]:
+        found = (one.partition("=") for one in self.intensity)
+        return [number for way, _, number in found if way == name and number.isdecimal() and len(number) < MOST]
 
 
 def _fields(value: object) -> Mapping[str, Any]:

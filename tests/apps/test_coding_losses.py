@@ -31,11 +31,12 @@ def test_a_lossless_stream_has_lost_nothing():
     ("status", "text"),
     [
         (told(StreamSettings(max_error_m=0.02)), ", ranges off by at most 0.02 m"),
-        (told(StreamSettings(intensity="off")), ", intensity off"),
+        (told(StreamSettings(intensity="off")), ", intensities left out"),
+        (told(StreamSettings(intensity="error=2")), ", intensities off by at most 2"),
         (told(StreamSettings(codec="jpeg")), ", ranges off by no known bound"),
         (told(StreamSettings(base_error_m=0.05)), ", ranges off by at most 0.05 m"),
         (told(StreamSettings(target_kbps=800), rate={"max_error_m": 0.084, "intensity": "levels=3"}),
-         ", ranges off by at most 0.084 m, intensity levels=3"),
+         ", ranges off by at most 0.084 m, intensities in 3 values"),
     ],
 )  # fmt: skip
 def test_every_loss_is_named(status, text):
@@ -49,6 +50,9 @@ def test_the_worst_that_was_in_force_counts():
     losses = losses_of(*(told(StreamSettings(target_kbps=800), rate=rate) for rate in rates))
     assert losses.max_error_m == 0.2
     assert losses.intensity == ["lossless", "off"]
+    ways = [{"intensity": way} for way in ("levels=10", "off", "levels=2", "lossless")]
+    few = losses_of(*(told(StreamSettings(target_kbps=800), rate=rate) for rate in ways))
+    assert few.text() == ", intensities left out or in 2 to 10 values"
 
 
 def test_a_status_that_makes_no_sense_is_no_error():
