@@ -104,6 +104,19 @@ def reach_warning(settings: StreamSettings, images: ImageKind | None = None) -> 
     )
 
 
+def columns_warning(settings: StreamSettings, images: ImageKind | None = None) -> ReachWarning | None:
+    """The warning before a target is tried that pinned settings will probably cost most columns; otherwise None.
+
+    images: as in `least_kbps`
+    """
+    least = least_kbps(settings, images)
+    if not isinstance(settings.target_kbps, int | float) or least is None or settings.target_kbps < least:
+        return None
+    target = float(settings.target_kbps)
+    rate = {"step": _step_at(settings, target, images), "target_kbps": target, "reachable_kbps": [least, least]}
+    return _few_columns(settings, rate, images)
+
+
 def missed_warning(
     settings: StreamSettings, rate: Mapping[str, Any] | None, images: ImageKind | None = None
 ) -> ReachWarning | None:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.pipeline import check
-from lidarcodec.ratecontrol.reach import ReachWarning, missed_warning, reach_warning
+from lidarcodec.ratecontrol.reach import ReachWarning, columns_warning, missed_warning, reach_warning
 from lidarcodec.settings import AUTO, Purpose, StreamSettings
 from lidarcodec_server.fleet.answers import State
 from lidarcodec_server.fleet.fleet import Stream
@@ -22,7 +22,8 @@ class WarningAnswer(BaseModel):
 
     code: str = Field(
         description="For programs. `target_out_of_reach`: expected from the settings. `target_missed`, "
-        "`frames_left_out` and `columns_left_out` (pinned settings cost most columns): measured."
+        "`frames_left_out` and `columns_left_out` (pinned settings cost most columns): measured, the last one "
+        "also expected."
     )
     message: str
     remedy: str
@@ -141,7 +142,10 @@ class ChangeAnswer(BaseModel):
         """From the state of a stream's settings after a change."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
         in_force = state.applied or desired
-        warnings = WarningAnswer.several(reach_warning(in_force, state.images) if _known(in_force) else None)
+        expected = None
+        if _known(in_force):
+            expected = reach_warning(in_force, state.images) or columns_warning(in_force, state.images)
+        warnings = WarningAnswer.several(expected)
         return cls(applied=state.applied, desired=desired, first_frame=state.first_frame, warnings=warnings)
 
 

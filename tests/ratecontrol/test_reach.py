@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.ratecontrol.reach import in_the_way, missed_warning, reach_warning
+from lidarcodec.ratecontrol.reach import columns_warning, in_the_way, missed_warning, reach_warning
 from lidarcodec.settings import StreamSettings
 
 PINNED = StreamSettings(codec="riddle", target_kbps=1000, max_error_m=0, intensity="lossless", reduction="all")
@@ -76,6 +76,11 @@ def test_settings_that_cost_most_columns_are_named():
     assert one is not None
     assert one.settings == ("intensity",)
     assert missed_warning(pins, told | {"step": 6}) is None
+    expected = columns_warning(pins)
+    assert expected is not None
+    assert (expected.code, "intensity" in expected.settings) == (few.code, True), "who sets them is told at once"
+    for well in (pins.changed(target_kbps=6000), pins.changed(max_error_m=None, intensity="auto"), PINNED):
+        assert columns_warning(well) is None
     free = StreamSettings(codec="pcodec", target_kbps=1000)
     assert missed_warning(free, told | {"step": 16}) is None, "nothing was pinned"
 
