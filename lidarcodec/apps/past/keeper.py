@@ -134,8 +134,8 @@ class Keeper:
             self._condition.notify()
         if first:
             logger.warning(
-                "%s: --keep does not keep every frame, because the disk or the processor is too slow "
-                "(more are only counted, as `dropped` in the status)", self.keys.prefix,
+                "%s/%s: --keep does not keep every frame, because the disk or the processor is too slow "
+                "(more are only counted, as `dropped` in the status)", self.keys.vehicle, self.keys.sensor,
             )  # fmt: skip
 
     def state(self) -> dict[str, Any]:
