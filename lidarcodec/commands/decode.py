@@ -27,5 +27,5 @@ def run(
     as_json: bool = False,
 ) -> None:
     """Decode frame by frame. A cut or damaged recording gives all its complete frames."""
-    wanted = Wanted(out, form_of(out, form, folder=FOLDER), selection, placing, force, as_json)
+    wanted = Wanted(out, form_of(out, form, folder=FOLDER), selection, placing, force, as_json, chosen=form is not None)
     write(recording, wanted, poses, mounted)

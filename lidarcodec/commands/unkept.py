@@ -12,8 +12,9 @@ from lidarcodec.entropy import decode_positions
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
+from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources.unkept import unkept
-from lidarcodec.units import MAX_PACKETS
+from lidarcodec.units import MAX_PACKETS, counted
 
 log = logging.getLogger(__name__)
 
@@ -65,11 +66,9 @@ def positions_of(section: Section) -> int:
         return 0
 
 
-def positions_text(out: Path, count: int) -> str:
-    """End of the summary of a decoded recording with `count` position packets."""
+def positions_text(out: Path, count: int, model: str) -> str:
+    """End of the summary of frames with `count` position packets of a sensor of that model, or those of its IMU."""
     if not count:
         return ""
-    kept = out.suffix.lower() == HOLDS_POSITIONS
-    return f", {count} position packets" + (
-        "" if kept else f" left out (only {HOLDS_POSITIONS} and recordings hold them)"
-    )
+    left = "" if out.suffix.lower() == HOLDS_POSITIONS else f" left out ({HOLDS_POSITIONS} and recordings hold them)"
+    return f", {counted(count, aside_name(model))}{left}"

@@ -21,6 +21,7 @@ from lidarcodec.evaluation.sent import OFF, Sent, bounds_text
 from lidarcodec.evaluation.verdict import broken_promises, changed_since_the_start, missing_parts
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, promise_of, promise_refined
 from lidarcodec.recording.layer_counts import LAYERS
+from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
@@ -104,6 +105,7 @@ def compared(
         *([] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)),
     ]
     return comparison.result() | {
+        "model": source.sensor.model,
         "complete": coverage is not None,
         "interrupted": coverage is None,
         "coverage": None if coverage is None else coverage.result(),
@@ -153,7 +155,7 @@ def _text(result: dict[str, Any]) -> str:
         _covered_text(result["coverage"]),
         f"frames           {result['frames']:,}" + f", {strange} of them not in the source" * bool(strange),
         f"packets          {_packets_text(result)}",
-        *([f"position packets {recorded}, {same_positions}"] if recorded or missing else []),
+        *([f"{aside_name(result['model']) + 's':16} {recorded}, {same_positions}"] if recorded or missing else []),
         f"largest error    {metres(result['max_error_m'])}{bound}",
         f"RMS error        {metres(result['rmse_m'])}",
         f"returns          {_returns_text(result)}",

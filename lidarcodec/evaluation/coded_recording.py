@@ -17,6 +17,7 @@ from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
+from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.settings import valid_name
 from lidarcodec.sources import PacketSource
 from lidarcodec.units import PACKET_INTERVAL_US, counted
@@ -81,6 +82,7 @@ class CodedRecording:
         self.payload_bytes = self.refinement_bytes = 0
         self._base: tuple[Message, list[Frame]]
         self.seconds = 0.0
+        self._aside = ""
         self._begin_ns: int | None = None
 
     def write(self, frame: Frame) -> None:
@@ -98,6 +100,7 @@ class CodedRecording:
         if frame.side is not None:
             self.packets += frame.side.packets
             self.positions += len(frame.side.positions)
+            self._aside = aside_name(frame.sensor.model)
             self.payload_bytes += payload_bytes(frame)
             self._seconds_of(frame)
 
@@ -121,7 +124,7 @@ class CodedRecording:
         ratio = f", ratio {size / self.coded:.2f}" * (not self.left_out)  # else it would count what is not there
         coded = f"{size:,} bytes of {what} in {self.coded:,} bytes{ratio}" if size else f"{self.coded:,} bytes"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
-        positions = f"{counted(self.positions, 'position packet')}, " * bool(self.positions)
+        positions = f"{counted(self.positions, self._aside)}, " * bool(self.positions)
         compared = f", all decoded again and compared{self.losses.text()}"
         return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}{compared}"
 

@@ -29,7 +29,7 @@ from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
-from lidarcodec.sensors.models.table import PACKETS
+from lidarcodec.sensors.models.table import PACKETS, aside_name
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
@@ -170,8 +170,9 @@ def _tell(
 ) -> None:
     """Print what was written. tables, described: calibration and metadata beside it;  said: remark of the output"""
     count, positions = turns.packets, turns.positions
-    parts = [f"{kept}: {counted(count, 'packet')}" + f", {counted(turns.turns, 'frame')}" * sensor.is_hdl64e]
-    parts[0] += f", {counted(positions, 'position packet')}" * bool(positions and form != "rosbag")
+    what = "a rosbag2 (files of points: --as kitti, --as ply), " if form == "rosbag" and not kept.suffix else ""
+    parts = [f"{kept}: {what}{counted(count, 'packet')}" + f", {counted(turns.turns, 'frame')}" * sensor.is_hdl64e]
+    parts[0] += f", {counted(positions, aside_name(sensor.model))}" * bool(positions and form != "rosbag")
     parts += [said] if said else []
     parts += [f"calibration in {path}" for path in tables] + [f"metadata in {path}" for path in described]
     found = Converted(

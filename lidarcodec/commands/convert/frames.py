@@ -43,13 +43,17 @@ from lidarcodec.transport import Endpoints
 from lidarcodec.units import counted
 
 log = logging.getLogger(__name__)
+INSTEAD: Final = "; `convert` makes a rosbag2 of a folder, --as FORMAT other files"
 REMEDY: Final = "--returns all"
 APART: Final = "Each frame keeps its own sensor frame: add --merge to place them by poses"
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be written. form: its format;  selection: which frames;  placing: where points lie"""
+    """What is to be written. form: its format;  selection: which frames;  placing: where points lie
+
+    chosen: whether the form was, instead of that of any folder
+    """
 
     out: Path
     form: Form
@@ -57,6 +61,7 @@ class Wanted:
     placing: Placing = field(default_factory=Placing)
     force: bool = False
     as_json: bool = False
+    chosen: bool = True
 
     def check(self) -> None:
         """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
@@ -219,6 +224,7 @@ class _Written:
     second_returns: int = 0
     returns: int = 0
     columns: int = 0
+    model: str = ""
 
 
 def _write(name: str, source: Frames, wanted: Wanted) -> None:
@@ -261,6 +267,7 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     cloud = wanted.placing.points(frame) if wanted.form.points else NO_CLOUD
     writer.write(frame, cloud)
     written.frames += 1
+    written.model = frame.sensor.model
     written.returns, written.columns = written.returns + frame.points, written.columns + frame.width
     written.points += len(cloud) if wanted.form.points else frame.points
     written.positions += positions_in(frame)
@@ -293,11 +300,11 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
         found["layers"] = layers
     if written.second_returns:
         found["second_returns_left_out"] = written.second_returns
-    files = f", a file for each ({wanted.form.name})" if folder else ""
+    files = f", a file for each ({wanted.form.name}{'' if wanted.chosen else INSTEAD})" if folder else ""
     text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
         text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"
-    text += positions_text(wanted.out, written.positions)
+    text += positions_text(wanted.out, written.positions, written.model)
     if wanted.form.points and written.frames > 1 and not folder and not wanted.placing.merge:
         text += f". {APART}"
     tell(found, text, wanted.as_json)

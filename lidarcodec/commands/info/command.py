@@ -7,10 +7,12 @@ from typing import Any
 
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
+from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
 
 KEY_WIDTH = 24
+POSITIONS = "position packets"
 SHOWN_ROWS = 20
 """Most rows of a table in the text; JSON has all."""
 
@@ -18,7 +20,9 @@ SHOWN_ROWS = 20
 def run(source: str, message: int | None, calibration: Path | None, as_json: bool) -> None:
     """Collect the information and print it."""
     found = _of_source(source, message, calibration)
-    tell(found, "\n".join(lines_of(found)), as_json)
+    aside = f"{aside_name(found.get('model', ''))}s"
+    shown = {aside if name == POSITIONS else name: value for name, value in found.items()}
+    tell(found, "\n".join(lines_of(shown)), as_json)
 
 
 def _of_source(source: str, message: int | None, calibration: Path | None) -> dict[str, Any]:

@@ -95,6 +95,7 @@ class CutOut(TypedDict):
 class Verified(TypedDict):
     """Of `verify`."""
 
+    model: Annotated[str, "name of the sensor's model, as in `--model`"]
     frames: Annotated[int, "frames compared"]
     frames_not_in_source: Annotated[int, "frames of the recording whose times the source does not have"]
     packets: Annotated[int, "packets compared"]

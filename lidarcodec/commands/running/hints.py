@@ -27,12 +27,26 @@ def hint_for(error: Any, words: Sequence[str]) -> str:
         if settable and before == "--set" and "=" not in word:
             return f"write --set {word}=VALUE"
     name = str(getattr(error, "option_name", "")).lstrip("-").replace("-", "_")
+    if name == "link" and settable:
+        return _of_link(words)
     if not name:
         return ""
     meant = MEANT.get(name, "")
     if (meant.startswith("--") and meant.split()[0] in known) or meant.startswith("OUT"):
         return f"write {meant}"
     return _setting(name) if settable else ""
+
+
+def _of_link(words: Sequence[str]) -> str:
+    """What a live stream's `--link` sets, as settings of a file."""
+    from lidarcodec.ratecontrol.presets import PRESETS
+
+    given = [word.partition("=")[2] for word in words if word.startswith("--link=")]
+    given += [word for before, word in pairwise(words) if before == "--link"]
+    found = PRESETS.get(given[0]) if given else None
+    kbps = "VALUE" if found is None else f"{found.target_kbps:g}" if found.target_kbps else ""
+    target = f" --set target_kbps={kbps}" * bool(kbps)
+    return f"--link is for live streams, and here it is --codec auto{target}"
 
 
 def _setting(name: str) -> str:

@@ -65,6 +65,11 @@ def is_ouster(model: str) -> bool:
     return model in OUSTERS or model in bare_sensors()
 
 
+def aside_name(model: str) -> str:
+    """What the packets are called that this sensor sends beside its data: of the inertial unit, or of positions."""
+    return "IMU packet" if is_ouster(model) else "position packet"
+
+
 def is_known(model: str) -> bool:
     """Whether a SensorModel may be of this model: all of `names`, and Ousters of which only the packets are known."""
     return model in names() or is_ouster(model)
