@@ -21,6 +21,8 @@ def test_a_line_for_each_check_and_below_them_the_facts():
     assert [line.split()[1] for line in lines[:3] if "->" not in line] == ["packages", "extras", "receive"]
     assert "versions" in lines
     assert "ports" in lines
+    assert "extras" not in lines  # the check has them
+    assert "hypothesis" not in result.stdout  # a package of developers
 
 
 def test_what_is_wrong_in_the_environment_is_said_with_what_to_do_and_code_1():

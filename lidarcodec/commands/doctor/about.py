@@ -22,6 +22,8 @@ from lidarcodec.units import DATA_PORT
 
 ZENOH_PORT = 7447
 SERVER_PORT = 8080
+DEVELOPERS = "dev"
+"""The extra of those who change this package."""
 REQUIREMENT = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[^]]*\])?\s*((?:[<>=]=?[^;\s]*)?)")
 LIMIT = re.compile(r"(>=|<|==)([\w.]+)")
 CLOCK_UNSYNCHRONISED = 5
@@ -165,7 +167,7 @@ def about() -> dict[str, dict[str, str]]:
     extras = {}
     for extra, names in requirements.items():
         missing = [name for name in names if _installed(name) is None]
-        if extra:
+        if extra and extra != DEVELOPERS:
             extras[extra] = "missing: " + ", ".join(missing) if missing else "installed"
     return {
         "versions": {

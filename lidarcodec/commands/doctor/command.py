@@ -15,6 +15,8 @@ from lidarcodec.sources.udp.socket import BUFFER_BYTES, LEAST_BYTES
 
 FEW_FILES = 4096
 APART = "another program brought them: install lidarcodec into an environment of its own (docs/installing.md)"
+TOLD = ("checks", "extras")
+"""What the lines of the checks say already."""
 MARKS = {"good": "good", "warning": "WARNING", "bad": "BAD"}
 
 
@@ -40,7 +42,7 @@ def text_of(found: Doctor) -> str:
         lines.append(f"{MARKS[check['state']]:8} {check['name']:16} {check['found']}")
         if check["remedy"]:
             lines.append(f"{'':8} {'':16} -> {check['remedy']}")
-    return "\n".join([*lines, "", *lines_of({name: part for name, part in found.items() if name != "checks"})])
+    return "\n".join([*lines, "", *lines_of({name: part for name, part in found.items() if name not in TOLD})])
 
 
 def _checks(facts: dict[str, dict[str, str]], known: Collection[str]) -> Iterator[Check]:
