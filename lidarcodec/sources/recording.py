@@ -13,10 +13,11 @@ from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError,
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.layers import RefinedFrame
-from lidarcodec.message import SectionType
+from lidarcodec.message import Message, SectionType
 from lidarcodec.mounting import MOUNT_TEXT, Mounting
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.planes.plane_section import read_head
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.layer_counts import LayerCounts
@@ -29,8 +30,14 @@ from lidarcodec.sources.table_search import SEARCHED_PACKETS
 
 Channel = Literal["packets", "messages"]
 CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
-THINNED: Final = (SectionType.KEEP, SectionType.LATTICE)
-"""Sections of a message that has not all returns of its frame."""
+_THINNED: Final = (SectionType.KEEP, SectionType.LATTICE)
+
+
+def is_thinned(message: Message) -> bool:
+    """Whether a message that was decoded says that not all returns of its frame were sent."""
+    if any(section.type in _THINNED for section in message.sections):
+        return True
+    return message.has(SectionType.PLANES) and read_head(message.section(SectionType.PLANES)).reduced
 
 
 class RecordingSource(PacketSource):
@@ -149,7 +156,7 @@ class RecordingSource(PacketSource):
             messages = self._counted(reader, start_ns)
             for message, frames in decoded(reader, messages, decoder.decode, fail, refined.append):
                 if frames:
-                    if any(section.type in THINNED for section in message.sections):
+                    if is_thinned(message):
                         counts["thinned frames"] += len(frames)
                     layers.add(reader, message, refined.pop() if refined else None)
                     if left := layers.unrefined:

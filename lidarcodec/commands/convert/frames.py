@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -36,6 +37,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.posed import with_poses
+from lidarcodec.sources.recording import is_thinned
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from lidarcodec.sources.unit_calibration import warn_if_generic
@@ -95,6 +97,7 @@ class _Recorded:
         """points: whether points are made of the frames"""
         self._path, self._recorded, self._points = path, RecordedFrames(path), points
         self._poses, self._mount = None, mounted.mount
+        self._counts: Counter[str] = Counter()
         if poses is not None:
             with open_source(path, poses=poses, points=False) as source:
                 mounted.given_to(source)
@@ -104,12 +107,15 @@ class _Recorded:
         for frame in with_poses(self._recorded, self._poses, self._mount):
             if self._points:
                 warn_if_generic(frame.sensor, str(self._path), self._path)
+            if self._recorded.message is not None and is_thinned(self._recorded.message):
+                self._counts["thinned frames"] += 1
             yield frame
 
     def finish(self) -> None:
         """A recording ends by itself."""
 
     def say(self) -> None:
+        say_unkept(str(self._path), self._counts)
         for text in self._recorded.warnings():
             log.warning("%s", text)
         layers = self.layers
