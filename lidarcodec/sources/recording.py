@@ -22,7 +22,7 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.layer_counts import LayerCounts
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors import check_recognised, find_sensor, read_calibration
+from lidarcodec.sensors import check_recognised, find_sensor
 from lidarcodec.settings import is_name
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec
@@ -198,7 +198,8 @@ def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: 
     """The sensor of a recording. With raw packets: found as for a capture, but a frame's sensor is preferred to a
     generic one. Otherwise that of the first frame."""
     if not payloads and frame is not None:
-        return frame.sensor if calibration is None else read_calibration(calibration, "given")
+        given = calibration is not None and not frame.sensor.is_cloud
+        return find_sensor(None, calibration, [], frame.sensor.model) if given else frame.sensor
     model = check_recognised(payloads).model if frame is None else frame.sensor.model
     sensor = find_sensor(path, calibration, payloads, model)
     return frame.sensor if frame is not None and sensor.origin == "generic" else sensor

@@ -50,3 +50,18 @@ def test_a_model_that_gives_no_points_is_an_error_and_no_empty_file(tmp_path, na
     assert done.returncode == 1
     assert "is one of the model vlp16, so there are no points" in done.stderr
     assert not out.exists()
+
+
+def test_a_recording_takes_the_calibration_of_its_own_sensor(tmp_path):
+    """Messages of a Hesai were given Hesai's file: "it lacks the list 'lasers', which every ROS calibration has"."""
+    recording, table = tmp_path / "a.mcap", tmp_path / "own.csv"
+    made = run_here("encode", "sim:road?sensor=vlp16", recording, "--frames", 1)
+    assert made.returncode == 0, made.stderr
+    table.write_bytes(files()["Hesai"])
+    refused = run_here("convert", recording, tmp_path / "a.ply", "--calibration", table)
+    assert "is the angle correction file of a Hesai, but the sensor is a Velodyne VLP-16" in refused.stderr
+    own = tmp_path / "own.yaml"
+    own.write_text(ros_yaml.text(sensor_named("vlp16").generic_sensor.calibration), encoding="utf-8")
+    done = run_here("convert", recording, tmp_path / "a.ply", "--calibration", own)
+    assert done.returncode == 0, done.stderr
+    assert "of its own" not in done.stderr
