@@ -65,7 +65,7 @@ def run(
         whole(out, force=force) as output,
     ):
         reader = RecordingReader(handle)
-        topic = source.topic or next(one.topic for one in _channels(reader))
+        topic = source.topic or next((one.topic for one in _channels(reader)), "")
         chosen = _Chosen(reader, selection)
         if not chosen.any:
             raise SourceError(f"{path} has {selection.nothing()}: nothing was encoded")
@@ -73,8 +73,10 @@ def run(
         watched = Watched(chosen.stored(reader), stopped)
         with output.beside.open("wb") as to:
             writer = RecordingWriter(to, *named.known(source), None, about, clouds=clouds)
-            frames = chosen.frames(again, topic, kept) if clouds else iter(())
+            frames = chosen.frames(again, topic or None, kept) if clouds else iter(())
             for channel, stored in watched:
+                if not topic and channel.encoding == MESSAGE_ENCODING:
+                    topic = channel.topic  # behind the packets of the recording
                 if channel.encoding == REFINE_ENCODING and _sensor_of(channel.topic) == _sensor_of(topic):
                     writer.write_refinement(stored.data())
                     kept.size += stored.length
@@ -121,7 +123,7 @@ class _Chosen:
         else:
             yield from (item for _, item in numbered(reader, self._plan))
 
-    def frames(self, handle: IO[bytes], topic: str, kept: _Kept) -> Iterator[list[Frame]]:
+    def frames(self, handle: IO[bytes], topic: str | None, kept: _Kept) -> Iterator[list[Frame]]:
         """The frames of each message that can be decoded."""
         taken = None
         if self._plan is not None:
