@@ -2,6 +2,7 @@
 
 It knows what configurations and calibrations need: mappings, lists, text, numbers. Anchors, tags and deep nesting turn
 a few bytes into much, or into anything; numbers in base 60 or with half a million digits hold a program for minutes.
+Of a field that is there twice, nobody knows which one was meant.
 
 >>> read_yaml(b"sensors: [{name: roof, rate: 10}]")
 {'sensors': [{'name': 'roof', 'rate': 10}]}
@@ -60,6 +61,15 @@ def _number(loader: Any, node: Any) -> Any:
     return value
 
 
+def _mapping(loader: Any, node: Any) -> Any:
+    names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+    if len(set(names)) < len(names):
+        twice = next(name for at, name in enumerate(names) if name in names[:at])
+        raise YamlRefusedError(f"the field {twice[:40]!r} is there twice")
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
 _Loader.add_constructor("tag:yaml.org,2002:int", _number)
 _Loader.add_constructor("tag:yaml.org,2002:float", _number)
 
@@ -67,7 +77,7 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _number)
 def read_yaml(data: bytes | str) -> Any:
     """The value of a YAML document of at most 1 MiB, nested at most 16 deep, without anchors and tags.
 
-    Its numbers are finite, of at most 40 characters and not in base 60. Cost: 0.1 s for a calibration of 64 lasers.
+    Its numbers are finite, of at most 40 characters and not in base 60. No field of a mapping is there twice. Cost: 0.1 s for a calibration of 64 lasers.
 
     Raises YamlRefusedError, a ValueError, for everything else, and nothing but that.
     """
