@@ -77,7 +77,8 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _number)
 def read_yaml(data: bytes | str) -> Any:
     """The value of a YAML document of at most 1 MiB, nested at most 16 deep, without anchors and tags.
 
-    Its numbers are finite, of at most 40 characters and not in base 60. No field of a mapping is there twice. Cost: 0.1 s for a calibration of 64 lasers.
+    Its numbers are finite, of at most 40 characters and not in base 60. No field of a mapping is there twice.
+    Cost: 0.1 s for a calibration of 64 lasers.
 
     Raises YamlRefusedError, a ValueError, for everything else, and nothing but that.
     """
