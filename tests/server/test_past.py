@@ -7,6 +7,7 @@ import io
 import json
 import time
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -17,6 +18,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.marks import Mark
 from lidarcodec.recording.pieces import Piece
+from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import peek
 from lidarcodec_server.past import fetches, marked
@@ -382,6 +384,36 @@ async def test_a_mark_that_a_vehicle_tells_of_is_fetched_once(serving, keeping, 
 
         await until(both)
         assert await actions(client) == []
+
+
+async def test_vehicles_that_do_not_answer_are_asked_for_their_marks_less_and_less(serving, network, monkeypatch):
+    """Each of 16 sensors of one vehicle made all others wait at every look, for 5 s."""
+    monkeypatch.setattr(marked, "LOOK_S", 0.01)
+    asked = {"silent": 0, "whole": 0}
+    with network.transport() as car:
+
+        def tell(sensor, marks):
+            text = {"past": {"marks": 1, "marked_ns": marks}}
+            car.sender(StreamKeys("car-9", sensor).status, Priority.STATUS).put(json.dumps(text).encode())
+
+        def answer(sensor, data):
+            asked[sensor] += 1
+            tell("whole", asked["whole"] + 1)
+            return b"?" if sensor == "silent" else b'{"marks": []}'
+
+        for sensor in asked:
+            keys = StreamKeys("car-9", sensor)
+            car.token(keys.alive)
+            car.answer(keys.past, partial(answer, sensor))
+        async with serving():
+
+            async def often():
+                for sensor in asked:
+                    tell(sensor, asked["whole"] + 1)
+                return asked["whole"] > 60
+
+            await until(often)
+    assert 2 <= asked["silent"] <= 8
 
 
 def waiting_fetches(folder, network):

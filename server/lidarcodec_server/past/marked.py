@@ -25,6 +25,13 @@ LOOK_S: Final = 5.0
 MAX_ANSWER: Final = 2**19
 """Largest answer about what a vehicle keeps: its marks take half of that."""
 CLOSE_S: Final = 6.0
+MOST_LEFT_OUT: Final = 64
+"""Most looks in a row at which a stream that does not answer is not asked: first one, then twice as many each time. To
+wait for its answer keeps those behind it waiting, and it may be one of many."""
+
+
+class _SilentError(LidarCodecError):
+    """A vehicle does not answer, or what it answers cannot be read."""
 
 
 class Marked:
@@ -36,6 +43,8 @@ class Marked:
     def __init__(self, fleet: Fleet, fetches: Fetches, transport: Callable[[], Transport], answer_s: float) -> None:
         self._fleet, self._fetches, self._transport, self._answer_s = fleet, fetches, transport, answer_s
         self._told: dict[StreamKeys, tuple[int, int]] = {}
+        self._silent: dict[StreamKeys, tuple[int, int]] = {}
+        """Of streams that did not answer: how many looks were left out last, and how many of them are to come."""
         self._warnings = SparseLog(logger)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="lidarcodec server marks", daemon=True)
@@ -54,18 +63,35 @@ class Marked:
         while not self._stop.wait(LOOK_S):
             streams = self._fleet.streams()
             self._told = {one.keys: self._told[one.keys] for one in streams if one.keys in self._told}
+            self._silent = {one.keys: self._silent[one.keys] for one in streams if one.keys in self._silent}
             for stream in streams:
                 marks = _marks_in(stream.status) if stream.alive else None
-                if marks is not None and marks != self._told.get(stream.keys, (0, 0)):
+                if marks is not None and marks != self._told.get(stream.keys, (0, 0)) and self._asks(stream.keys):
                     try:
                         self._fetch(stream.keys)
                         self._told[stream.keys] = marks
+                        self._silent.pop(stream.keys, None)
                     except LidarCodecError as error:
+                        self._leave_out(stream.keys, isinstance(error, _SilentError))
                         self._warnings.warning(
                             "%s: its marked clips cannot be fetched yet: %s", stream.keys.prefix, error
                         )
                     except Exception:
                         logger.exception("%s: its marked clips cannot be fetched", stream.keys.prefix)
+
+    def _asks(self, keys: StreamKeys) -> bool:
+        """Whether a stream is asked at this look."""
+        last, left = self._silent.get(keys, (0, 0))
+        if left:
+            self._silent[keys] = last, left - 1
+        return not left
+
+    def _leave_out(self, keys: StreamKeys, silent: bool) -> None:
+        """Leave out some looks at a stream that does not answer."""
+        last = self._silent.pop(keys, (0, 0))[0]
+        if silent:
+            looks = min(max(2 * last, 1), MOST_LEFT_OUT)
+            self._silent[keys] = looks, looks
 
     def _fetch(self, keys: StreamKeys) -> None:
         """Begin to fetch the clips of all marks that are new. Raises LidarCodecError if that must be tried again."""
@@ -74,9 +100,9 @@ class Marked:
         try:
             told: Any = {} if data is None else read_object(data, MAX_ANSWER).get("marks")
         except JsonRefusedError as error:
-            raise LidarCodecError(f"the vehicle's answer cannot be read: {error}") from None
+            raise _SilentError(f"the vehicle's answer cannot be read: {error}") from None
         if not isinstance(told, list):
-            raise LidarCodecError("the vehicle does not answer")
+            raise _SilentError("the vehicle does not answer")
         known = {record.clip for record in self._fetches.all()}
         for mark in told[:MAX_MARKS]:
             clip = _clip_of(keys, mark)
