@@ -11,6 +11,7 @@ import pytest
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.references import References
+from lidarcodec.apps.receiver import turn_inbox
 from lidarcodec.apps.receiver.turn_inbox import DEPTH, TurnInbox
 from lidarcodec.pipeline import frames_of
 from lidarcodec.settings import MAX_PARTS, StreamSettings
@@ -79,6 +80,17 @@ def test_an_inbox_gives_all_parts_of_a_turn_and_else_the_newest(network) -> None
         for index in range(20):
             sender.put(message(index, goes_on=False))
         assert inbox.receive() == message(19, goes_on=False)
+
+
+def test_what_waits_in_an_inbox_has_a_limit_of_bytes(network, monkeypatch) -> None:
+    """Parts of 60 MB that come faster than they are decoded would take a gigabyte."""
+    parts = [message(index, goes_on=index > 0) for index in range(6)]
+    monkeypatch.setattr(turn_inbox, "MAX_BYTES", 2 * len(parts[0]))
+    with network.end() as near, network.end() as far:
+        inbox, sender = TurnInbox(near.inbox("a/frame", DEPTH)), far.sender("a/frame", Priority.FRAMES)
+        for data in parts:
+            sender.put(data)
+        assert [inbox.receive() for _ in range(2)] == parts[4:]
 
 
 def test_a_turn_waits_for_the_last_part_of_the_one_before() -> None:

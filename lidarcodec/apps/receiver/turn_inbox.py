@@ -15,6 +15,8 @@ from lidarcodec.wire import goes_on
 
 DEPTH: Final = 2 * MAX_PARTS
 """Messages that an inbox holds: the rest of a turn, and the next one."""
+MAX_BYTES: Final = 64 * 2**20
+"""Most bytes that wait here, beside the newest message. The packets of the longest turn have 2.5 MB."""
 
 
 class TurnInbox:
@@ -40,4 +42,6 @@ class TurnInbox:
             begun = rest_of_begun(self._waiting, goes_on)
             while len(self._waiting) > begun:
                 self._waiting.pop()
+        while self._waiting and sum(map(len, self._waiting)) + len(data) > MAX_BYTES:
+            self._waiting.popleft()
         self._waiting.append(data)
