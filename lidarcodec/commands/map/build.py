@@ -124,7 +124,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     with (
         whole(asked.out, force=force) as output,
         tempfile.TemporaryDirectory(prefix="lidarcodec-map-") as folder,
-        progress("building a map", asked.frames and asked.frames * len(drives)) as tick,
+        progress("building a map", asked.frames if len(drives) == 1 else None) as tick,
     ):
         (tiles := Path(folder) / "tiles").mkdir()
         builder = MapBuilder(tiles, step_um, frame, asked.least_seen)
