@@ -13,8 +13,8 @@ from lidarcodec.sources.table import SCHEMES, kind_of
 
 KEY_WIDTH = 24
 POSITIONS = "position packets"
-SHOWN_ROWS = 20
-"""Most rows of a table in the text; JSON has all."""
+SHORT_TURNS, SHOWN_ROWS = "short_turns", 20
+"""A table that can be long, and how many of its rows the text has; JSON has all."""
 
 
 def run(source: str, message: int | None, calibration: Path | None, as_json: bool) -> None:
@@ -52,15 +52,18 @@ def lines_of(values: dict[str, Any], indent: str = "") -> list[str]:
         elif isinstance(value, dict) and value:
             lines += [name, *lines_of(value, indent + "  ")]
         elif isinstance(value, list) and value:
-            lines += [name, *(f"{indent}  {row}" for row in _table(value))]
+            lines += [
+                name,
+                *(f"{indent}  {row}" for row in _table(value, SHOWN_ROWS if key == SHORT_TURNS else len(value))),
+            ]
         elif value not in (None, {}, []):
             lines.append(f"{name:<{KEY_WIDTH}} {value}")
     return lines
 
 
-def _table(rows: list[dict[str, Any]]) -> list[str]:
+def _table(rows: list[dict[str, Any]], most: int) -> list[str]:
     names = list(rows[0])
-    cells = [names, *([str(row[name]) for name in names] for row in rows[:SHOWN_ROWS])]
+    cells = [names, *([str(row[name]) for name in names] for row in rows[:most])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
-    return lines + [f"and {len(rows) - SHOWN_ROWS} more: --json has all"] * (len(rows) > SHOWN_ROWS)
+    return lines + [f"and {len(rows) - most} more: --json has all"] * (len(rows) > most)
