@@ -12,6 +12,7 @@ import logging
 import os
 import re
 import secrets
+import shutil
 import stat
 import time
 from pathlib import Path
@@ -44,6 +45,18 @@ def let_go(handle: int) -> None:
     """Close a handle of `held`."""
     with contextlib.suppress(OSError):
         os.close(handle)
+
+
+def remove_made(path: Path) -> None:
+    """Remove a file or folder that was made here."""
+    try:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        if os.path.lexists(path):  # a folder that cannot be written to refuses this, too, for what never was there
+            log.warning("%s could not be removed: %s", path, error.strerror or error)
 
 
 def remove_leftovers(path: Path, suffix: str) -> None:

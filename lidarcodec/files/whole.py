@@ -20,7 +20,6 @@ import errno
 import logging
 import os
 import re
-import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,7 +28,7 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
-from lidarcodec.files.leftovers import held, hidden_name, let_go, remove_leftovers
+from lidarcodec.files.leftovers import held, hidden_name, let_go, remove_leftovers, remove_made
 from lidarcodec.files.renaming import exchange, rename_new, synced
 
 log = logging.getLogger(__name__)
@@ -117,7 +116,7 @@ class Whole:
     def drop(self) -> None:
         """Remove what has not got its name; harmless when called twice."""
         for hidden in list(self._hidden):
-            _remove(hidden)
+            remove_made(hidden)
             self._hidden.discard(hidden)
         while self._handles:
             let_go(self._handles.pop())
@@ -135,15 +134,19 @@ class Whole:
                     beside.mkdir(0o700)
                 else:
                     os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
-                self._identities[beside] = _identity(beside)
+                self._know(beside)
             except FileExistsError:
                 self._hidden.discard(beside)
             except OSError as error:
                 raise self._said(error) from None
             else:
-                handle = held(beside)
-                self._handles += [] if handle is None else [handle]
                 return beside
+
+    def _know(self, beside: Path) -> None:
+        """Note which file it is that is written, and have other programs see that it is."""
+        self._identities[beside] = _identity(beside)
+        handle = held(beside)
+        self._handles += [] if handle is None else [handle]
 
     def _finish(self, beside: Path) -> None:
         """Have its bytes on disk, and its readers those that new files have.
@@ -291,6 +294,13 @@ def written_whole(path: Path, *, private: bool = False, sync: bool = True) -> It
         yield output.beside
 
 
+def made_anew(beside: Path) -> None:
+    """A library that opens only new files has made the file of an output anew: it is ours as the one before."""
+    for output in _begun:
+        if beside in output._identities:
+            output._know(beside)
+
+
 def drop_all() -> None:
     """Remove every output that has not got its name: the program ends."""
     for output in list(_begun):
@@ -372,18 +382,6 @@ def _identity(path: Path) -> tuple[int, int]:
     """Device and inode, which stay the same as long as it is the same file or folder."""
     found = os.lstat(path)
     return found.st_dev, found.st_ino
-
-
-def _remove(path: Path) -> None:
-    """Remove a file or folder that was made here."""
-    try:
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-    except OSError as error:
-        if os.path.lexists(path):  # a folder that cannot be written to refuses this, too, for what never was there
-            log.warning("%s could not be removed: %s", path, error.strerror or error)
 
 
 def _umask() -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarcodec.commands.outputs.base import Cloud
+from lidarcodec.files.whole import made_anew
 from lidarcodec.frame import Frame
 
 
@@ -19,6 +20,7 @@ class E57Output:
 
         path.unlink(missing_ok=True)  # its library opens only new files
         self._file = pye57.E57(str(path), mode="w")
+        made_anew(path)
 
     def write(self, frame: Frame, cloud: Cloud) -> None:
         if not len(cloud):
