@@ -46,6 +46,12 @@ class Relay:
         for thread in self._threads:
             thread.join(2)
 
+    def cut(self) -> None:
+        """End all connections. New ones are taken."""
+        for one in self._sockets[1:]:
+            with contextlib.suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+
     def _accept(self) -> None:
         while True:
             try:
