@@ -170,6 +170,15 @@ def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture):
         assert source.sensor.origin == "beside"
 
 
+def test_a_generic_calibration_stays_known_as_such(tmp_path, capture):
+    (tmp_path / "drive_db.xml").unlink()
+    assert done(capture, tmp_path / "coded.mcap", "--codec", "zstd")
+    for out in ("back.pcap", "bag"):
+        assert done(tmp_path / "coded.mcap", tmp_path / out)
+        with open_source(tmp_path / out) as source:
+            assert source.sensor.origin == "generic", "beside the output it would look like one of this unit"
+
+
 def test_nothing_is_left_of_what_failed(tmp_path, capture):
     before = set(tmp_path.iterdir())
     broken = tmp_path.parent / f"{tmp_path.name}-broken.mcap"

@@ -33,6 +33,7 @@ from lidarcodec.sensors.models.table import PACKETS, aside_name
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
+from lidarcodec.sources.unit_calibration import is_generic
 from lidarcodec.units import FRAME_PACKETS, counted
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
@@ -219,7 +220,9 @@ def ros_topic(topic: str) -> str:
 
 
 def _needs_file(form: Form, sensor: SensorModel) -> bool:
-    return form != "recording" and sensor.is_hdl64e and sensor.origin not in IN_THE_STREAM
+    """Whether readers need a calibration beside the output. A generic one would no longer be known as such."""
+    in_the_stream = sensor.origin in IN_THE_STREAM or is_generic(sensor)
+    return form != "recording" and sensor.is_hdl64e and not in_the_stream
 
 
 def _calibration_file(
