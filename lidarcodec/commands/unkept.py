@@ -13,7 +13,7 @@ from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
 from lidarcodec.sensors.models.table import aside_name
-from lidarcodec.sources.unkept import unkept
+from lidarcodec.sources.unkept import IN_PART, unkept
 from lidarcodec.units import MAX_PACKETS, counted
 
 log = logging.getLogger(__name__)
@@ -26,9 +26,11 @@ def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None
 
     short: turns of it that lack columns
     """
-    left = unkept(counts)
-    if left is not None:
+    in_part = Counter({cause: counts[cause] for cause in IN_PART})
+    if (left := unkept(counts - in_part)) is not None:
         log.warning("%s: not kept: %s", label, left)
+    if (left := unkept(in_part)) is not None:
+        log.warning("%s: only in part: %s", label, left)
     if short is not None and (text := short.text()):
         log.warning("%s: packets are missing in it: %s", label, text)
 

@@ -48,6 +48,9 @@ CAUSES: Final[dict[str, str]] = {
 }
 """Counter -> text for data that was received and not kept. Other counters are of other irregularities."""
 
+IN_PART: Final = ("not refined", "thinned frames")
+"""Counters of frames that are there, but not with all that was measured."""
+
 OF_THE_SENSOR: Final = (
     "other stream",
     UNKEPT_POSITIONS,

@@ -95,7 +95,7 @@ def test_frames_that_are_not_refined_are_told_also_of_live_recordings(recording:
         assert sum(1 for _ in read.packets())
         assert read.counts["not refined"] == 2
     told = run("encode", str(cut), str(tmp_path / "again.mcap"))
-    assert "2 frames of two layers that are not refined whole" in told.stderr
+    assert "only in part: 2 frames of two layers that are not refined whole" in told.stderr
 
 
 def test_one_layer_has_no_layers(tmp_path: Path) -> None:
