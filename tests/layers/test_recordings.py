@@ -94,7 +94,7 @@ def test_frames_that_are_not_refined_are_told_also_of_live_recordings(recording:
     with open_source(str(cut)) as read:
         assert sum(1 for _ in read.packets())
         assert read.counts["not refined"] == 2
-    told = run("encode", str(cut), str(tmp_path / "again.mcap"))
+    told = run("encode", str(cut), str(tmp_path / "again.mcap"), "--codec", "pcodec")
     assert "only in part: 2 frames of two layers that are not refined whole" in told.stderr
 
 
