@@ -22,6 +22,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.files.folder_lock import alone_in
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
+from lidarcodec.recording.holes import longest_of
 from lidarcodec.transport import open_transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.times import rfc_3339
@@ -80,12 +81,10 @@ def run(
         log.warning(
             "the vehicle kept nothing for %.1f s, beginning at %s", (end_ns - begin_ns) / 1e9, rfc_3339(begin_ns)
         )
-    if written.missing:
-        longest = max(written.holes, key=lambda hole: hole.to_ns - hole.from_ns)
+    if (longest := longest_of(written.holes)) is not None:
         log.warning(
             "%d frames are missing between those of the clip, because the vehicle did not keep them; the longest hole "
-            "is %.1f s, beginning at %s", written.missing, (longest.to_ns - longest.from_ns) / 1e9,
-            rfc_3339(longest.from_ns),
+            "is %.1f s, beginning at %s", written.missing, longest.seconds, rfc_3339(longest.from_ns),
         )  # fmt: skip
     if written.frames != state["frames"]:
         log.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)

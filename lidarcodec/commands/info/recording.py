@@ -18,8 +18,10 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.planes.calibrations import peek_sensor
 from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.holes import Numbers
 from lidarcodec.sensors import find_sensor
 from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
+from lidarcodec.units import counted
 from lidarcodec.wire import unpack
 
 SHOWN_MESSAGES = 20
@@ -33,9 +35,9 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     sections: Counter[str] = Counter()
     codecs: Counter[str] = Counter()
-    messages = keys = frames = damaged = size = coded_positions = 0
+    messages = keys = damaged = size = coded_positions = 0
     stamps: list[int] = []
-    sent = Sent()
+    sent, numbers = Sent(), Numbers()
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
@@ -59,7 +61,8 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                     sent.add(message)
                 sections += sizes
                 codecs[codec_name(message.codec)] += 1
-                keys, frames = keys + message.key, frames + message.frame_count
+                keys += message.key
+                numbers.add(message)
                 row = {
                     "n": messages - 1,
                     "frame": message.frame_index,
@@ -76,7 +79,10 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         counts = dict(reader.counts)
         recorded: Counter[str] = Counter()
         first: list[bytes] = []
+        of_messages = bool(messages)
         for packet in reader.packets():
+            if not of_messages:
+                stamps = [stamps[0] if stamps else packet.stamp_ns, packet.stamp_ns]
             recorded["position packets" if packet.position else "packets"] += 1
             if len(first) < STREAM_PACKETS and not packet.position:
                 first.append(packet.payload)
@@ -86,9 +92,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "metadata": metadata,
         **({} if sensor is None else {"sensor": sensor.name, "model": sensor.model, "rows": sensor.rows}),
         "messages": messages,
-        "key messages": keys,
-        "frames": frames,
-        "damaged messages": damaged,
+        **_frames(path, keys, numbers, damaged, recorded),
         **(
             {"refinements": refinements.came, "bytes of refinements": refinements.came_bytes}
             if refinements.came
@@ -99,14 +103,37 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "begins": time_text(stamps[0]) if stamps else None,
         "duration_s": round((stamps[1] - stamps[0]) * 1e-9, 3) if stamps else None,
         "codecs": dict(codecs),
-        **({"sent": sent.result() | _measured(reader.losses)} if frames else {}),
-        "bytes of messages": size,
+        **({"sent": sent.result() | _measured(reader.losses)} if numbers.frames else {}),
+        **({"bytes of messages": size} if messages else {}),
         "bytes by section": dict(sections),
         "noticed": counts,
-        f"messages 0 to {len(rows) - 1}": [row for row in rows if "damaged" not in row],
+        **({f"messages 0 to {len(rows) - 1}": [row for row in rows if "damaged" not in row]} if rows else {}),
         "damaged": [row for row in rows if "damaged" in row],
     }
     return found
+
+
+def _frames(path: Path, keys: int, numbers: Numbers, damaged: int, recorded: Counter[str]) -> dict[str, Any]:
+    """Frames, those that are missing between them, and damaged messages; of raw packets, how they are read."""
+    if recorded["packets"] and not (numbers.frames or damaged):
+        how = (
+            f'raw packets, not frames: `lidarcodec info "{path}?read=packets"` finds their frames, and '
+            f"`lidarcodec convert {path} drive.pcap` writes them as a capture"
+        )
+        return {"frames": None, "holds": how}
+    longest = numbers.longest()
+    hole = (
+        f"{longest.seconds:.1f} s, {counted(longest.frames, 'frame')}, after {time_text(longest.from_ns)}"
+        if longest
+        else None
+    )
+    return {
+        "key messages": keys,
+        "frames": numbers.frames,
+        "missing frames": numbers.missing,
+        **({"longest hole": hole} if hole else {}),
+        "damaged messages": damaged,
+    }
 
 
 def _measured(losses: dict[str, str]) -> dict[str, Any]:

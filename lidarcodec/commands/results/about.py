@@ -37,9 +37,14 @@ class RecordingInfo(TypedDict):
     model: NotRequired[Annotated[str, "name of the model, as in `--model`"]]
     rows: NotRequired[Annotated[int, "number of its lasers or channels"]]
     messages: Annotated[int, "number of messages"]
-    frames: Annotated[int, "number of frames in them"]
-    begins: Annotated[str | None, "time of the first message; null without messages"]
-    duration_s: Annotated[float | None, "seconds from the first to the last message"]
+    frames: Annotated[
+        int | None,
+        "number of frames in them, without those of damaged messages; `missing frames` lie between them, by their "
+        "numbers, and `longest hole` says where most time is missing. Null if it holds raw packets",
+    ]
+    holds: NotRequired[Annotated[str, "of raw packets: that it holds no frames yet, and how it is read"]]
+    begins: Annotated[str | None, "time of the first message or raw packet; null without any"]
+    duration_s: Annotated[float | None, "seconds from the first to the last message or raw packet"]
     codecs: Annotated[dict[str, int], "number of messages of each codec"]
     sent: NotRequired[
         Annotated[
