@@ -90,6 +90,8 @@ class ShortTurns:
         self._periods: deque[float] = deque(maxlen=REMEMBERED)
         self._last: tuple[int, Whole] | None = None
         """Azimuth and times of the last column."""
+        self._width = 0
+        """Columns of the last turn that was looked at."""
 
     def add(self, frame: Frame) -> None:
         """Take a frame. Frames of sensors that do not turn, and of point clouds, are passed over."""
@@ -128,7 +130,7 @@ class ShortTurns:
             self._note(turn, begin, end, round(int(apart[at]) / step) - 1, frame.width)
         self._look_for_turns(turn, place, times, each, enough)
         self._learn(place, times)
-        self._last = int(azimuth[-1]), times[-1]
+        self._last, self._width = (int(azimuth[-1]), times[-1]), frame.width
 
     def watched(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """The frames themselves, each of them taken before it is given."""
@@ -153,18 +155,18 @@ class ShortTurns:
             advance -= AZIMUTH_TURN  # a turn that ended a little behind its start
         elif advance > HALF and turned < 0.5 * advance:
             return  # an earlier place, without the time of a turn: packets in another order
-        self._note_turns(turn, turned, advance)
+        self._note_turns(turn, turned, advance, frame.width)
         if advance <= enough:
             return
         missing = round(advance / step) - 1
         to_start = (way * (start - last)) % AZIMUTH_TURN
         earlier = min(round(to_start / step), missing) if to_start < advance else missing
         if earlier == missing or turn == 0:
-            self._note(turn - 1, last, first, missing, self._columns.get(turn - 1, 0))
+            self._note(turn - 1, last, first, missing, self._width)
         elif earlier * step <= SAME_PLACE:
             self._note(turn, last, first, missing, frame.width)
         else:
-            self._note(turn - 1, last, start, earlier, self._columns.get(turn - 1, 0))
+            self._note(turn - 1, last, start, earlier, self._width)
             self._note(turn, start, first, missing - earlier, frame.width)
 
     def _look_for_turns(self, turn: int, place: Whole, times: Whole, each: float, enough: float) -> None:
@@ -174,11 +176,12 @@ class ShortTurns:
             advance = int(place[min(before + 1, after)] - place[before]) % AZIMUTH_TURN
             if advance > AZIMUTH_TURN - 2 * enough:
                 advance -= AZIMUTH_TURN
-            self._note_turns(turn, self._turned(_passed(times[at], times[at + 1])), advance)
+            self._note_turns(turn, self._turned(_passed(times[at], times[at + 1])), advance, len(place))
 
-    def _note_turns(self, turn: int, turned: float, advance: float) -> None:
+    def _note_turns(self, turn: int, turned: float, advance: float, columns: int) -> None:
         if (whole := round((turned - advance) / AZIMUTH_TURN)) > 0:
             self._before[turn] = self._before.get(turn, 0) + whole
+            self._columns[turn] = columns
 
     def _note(self, turn: int, begin: int, end: int, missing: int, columns: int) -> None:
         if missing > 0:
@@ -222,7 +225,7 @@ class ShortTurns:
             row.missing += gap.missing
             row.gaps.append((round(gap.begin / 100, 2), round(gap.end / 100, 2)))
         for turn, whole in self._before.items():
-            row = found.setdefault(turn, ShortTurn(turn, self._columns.get(turn, 0), 0, []))
+            row = found.setdefault(turn, ShortTurn(turn, self._columns[turn], 0, []))
             row.turns_before = whole
         return [found[turn] for turn in sorted(found)]
 

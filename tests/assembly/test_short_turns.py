@@ -58,6 +58,7 @@ def test_a_gap_over_the_end_of_a_turn_is_shared_between_both(name):
     at = int(2 * each)
     rows = seen(name, [*packets[: at - gone], *packets[at + gone :]]).rows()
     assert [row.turn for row in rows] == [1, 2]
+    assert all(row.columns > widths[row.turn] // 2 for row in rows)
     assert sum(row.missing for row in rows) == pytest.approx(2 * gone * sum(widths) / len(packets), rel=0.02)
 
 
@@ -65,8 +66,11 @@ def test_a_gap_over_the_end_of_a_turn_is_shared_between_both(name):
 def test_a_whole_turn_that_is_missing_is_told_by_the_clocks(name):
     _, packets = packets_of(name)
     each = len(packets) // 5
-    (row,) = seen(name, [*packets[: 2 * each], *packets[3 * each :]]).rows()
+    sensor, _ = packets_of(name)
+    left = [*packets[: 2 * each], *packets[3 * each :]]
+    (row,) = seen(name, left).rows()
     assert row.turns_before == 1
+    assert row.columns == [frame.width for frame in frames_of(left, sensor)][row.turn]
 
 
 @pytest.mark.parametrize("name", SENSORS)
