@@ -86,13 +86,14 @@ def parts(drive: Path) -> Path:
     ("words", "code", "says"),
     [
         (("b", "a"), 2, "without overlap"),
+        (("b", "turns"), 2, "PART.mcap --skip 4` with the same settings"),
         (("b", "c"), 2, "without overlap"),
         (("a", "a"), 2, "without overlap"),
         (("turns", "turns"), 2, "without overlap"),
         (("bare", "bare"), 2, "without overlap"),
         (("a", "c"), 2, "frames 2 to 2 are missing"),
         (("a", "other"), 2, "differ in source"),
-        (("a", "coarse"), 2, "differ in settings"),
+        (("a", "coarse"), 2, "differ in settings (max_error_m: null and 0.02)"),
         (("a", "empty"), 1, "no message"),
         (("a",), 2, "two parts"),
     ],
@@ -105,6 +106,27 @@ def test_what_does_not_belong_together_is_refused(
     assert result.returncode == code
     assert says in result.stderr.splitlines()[-1]
     assert not list(tmp_path.iterdir())
+
+
+def test_what_cut_took_apart_is_joined_with_every_message_once(parts: Path, tmp_path: Path) -> None:
+    """A part begins with the key frame that its frames need, which the part before has, too."""
+    drive, first, second, out = (tmp_path / f"{name}.mcap" for name in ("drive", "first", "second", "out"))
+    assert run_here("encode", SOURCE, drive, "--with-clouds").returncode == 0
+    assert run_here("cut", drive, first, "--frames", 3).returncode == 0
+    assert run_here("cut", drive, second, "--skip", 3).returncode == 0
+    assert len(messages_in(second)) == FRAMES
+    done = run_here("join", first, second, out)
+    assert done.returncode == 0, done.stderr
+    assert "6 messages that two parts have, written once" in done.stdout
+    assert messages_in(out) == messages_in(drive)
+    with out.open("rb") as joined, drive.open("rb") as whole:
+        copies = [
+            [(channel.topic, stored.log_time, stored.data()) for channel, stored in RecordingReader(one).everything()]
+            for one in (joined, whole)
+        ]
+    assert sorted(copies[0]) == sorted(copies[1])
+    refused = run_here("join", second, first, out, "--force")
+    assert (refused.returncode, "in order" in the_one_line(refused)) == (2, True)
 
 
 def test_a_gap_is_joined_if_that_is_meant_and_nothing_is_replaced(parts: Path, tmp_path: Path) -> None:

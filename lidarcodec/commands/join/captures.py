@@ -12,6 +12,7 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import check_free, whole
+from lidarcodec.units import counted
 
 
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:
@@ -58,8 +59,16 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
             output.companion(calibration_of, ".xml").write_bytes(table)
     tables = [str(calibration_of(output.kept))] if beside and output.kept is not None else []
     tell(
-        {"output": str(output.kept), "beside": tables, "parts": len(paths), "messages": None, "packets": count},
-        f"{output.kept}: {count} packets of {len(paths)} parts" + "".join(f"; calibration in {one}" for one in tables),
+        {
+            "output": str(output.kept),
+            "beside": tables,
+            "parts": len(paths),
+            "messages": None,
+            "packets": count,
+            "twice": 0,
+        },
+        f"{output.kept}: {counted(count, 'packet')} of {len(paths)} parts"
+        + "".join(f"; calibration in {one}" for one in tables),
         as_json,
     )
 

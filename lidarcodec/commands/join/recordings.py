@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from shlex import quote
 from typing import BinaryIO, Final
 
 from lidarcodec import wire
 from lidarcodec.assembly import packets_of
+from lidarcodec.commands.join.overlap import digest_of, digests_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -22,6 +25,7 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
 from lidarcodec.recording.damage import is_damaged
 from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.recording.layout import MESSAGE_ENCODING
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.units import counted
 from lidarcodec.wire.header import Header
@@ -37,6 +41,7 @@ class Part:
     """A recording to join. The fields of its first and last message are None if it holds packets."""
 
     path: Path
+    handle: BinaryIO
     reader: RecordingReader
     first: Header | None = None
     last: Header | None = None
@@ -46,6 +51,8 @@ class Part:
     """Largest number of frames that are missing between two of its messages: a live stream skips some."""
     damaged: str = ""
     """Description of its damage; empty if there is none."""
+    had: set[bytes] = field(default_factory=set)
+    """Digests of what the part before it has, if they overlap: it is not copied again."""
 
     @property
     def counted(self) -> bool:
@@ -65,12 +72,15 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
             _check_order(before, after, allow_gap)
         first = parts[0].reader.metadata
         clouds = any("/points" in channel.topic for part in parts for channel in part.reader.channels.values())
-        count = 0
+        count = twice = 0
         with whole(out, force=force) as output, progress("joining") as tick, output.beside.open("wb") as handle:
             about = {name: text for name, text in first.items() if name != "joined"} | {"joined": str(len(parts))}
             writer = RecordingWriter(handle, first["vehicle"], first["sensor"], None, about, clouds=clouds)
             watched = Watched(_everything(parts), stopped)
             for part, channel, stored in watched:
+                if part.had and digest_of(channel, stored) in part.had:
+                    twice += 1
+                    continue
                 writer.copy(channel, part.reader.schemas.get(channel.schema, ""), stored)
                 count += 1
                 tick()
@@ -78,8 +88,10 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
                 raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
             writer.close()
     tell(
-        {"output": str(output.kept), "beside": [], "parts": len(parts), "messages": count, "packets": None},
-        f"{output.kept}: {count} messages of {len(parts)} parts",
+        {"output": str(output.kept), "beside": [], "parts": len(parts), "messages": count, "packets": None}
+        | {"twice": twice},
+        f"{output.kept}: {counted(count, 'message')} of {len(parts)} parts"
+        + f"; {counted(twice, 'message')} that two parts have, written once" * (twice > 0),
         as_json,
     )
 
@@ -95,7 +107,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     reader = RecordingReader(handle)
     if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
         raise SourceError(f"{path} is not a recording of lidarcodec: convert it first with `lidarcodec convert`")
-    found = Part(path, reader)
+    found = Part(path, handle, reader)
     quiet = RecordingReader(handle, warn=False)
     for _, data in quiet.messages():
         header = _header(path, data)
@@ -149,12 +161,34 @@ def _check_kin(first: Part, other: Part) -> None:
     names = [*SAME, *(MADE_OF if "source" in ours or "source" in theirs else ())]
     for name in names:
         if _plain(name, ours.get(name)) != _plain(name, theirs.get(name)):
+            told = _differences(ours.get(name), theirs.get(name))
+            way = "; code them both from one source" * (name == "source") or "; code them with the same" * (
+                name == "settings"
+            )
             raise SettingsError(
-                f"{first.path} and {other.path} differ in {name} ({ours.get(name)} and {theirs.get(name)}): only "
-"parts of the same drive can be joined", name
+                f"{first.path} and {other.path} differ in {name} ({told}): only parts of the same drive can be joined"
+                f"{way}", name
             )  # fmt: skip
     if (first.first is None) != (other.first is None):
         raise SettingsError(f"{first.path} and {other.path} cannot be joined: one holds messages, the other packets")
+
+
+def _differences(ours: str | None, theirs: str | None) -> str:
+    """Both values; of settings only those that differ.
+
+    >>> _differences('{"codec":"png","max_error_m":null}', '{"codec":"png","max_error_m":0.02}')
+    'max_error_m: null and 0.02'
+    >>> _differences("a.pcap", None)
+    'a.pcap and none'
+    """
+    try:
+        one, other = (json.loads(text or "") for text in (ours, theirs))
+    except ValueError:
+        one = other = None
+    if not isinstance(one, dict) or not isinstance(other, dict):
+        return f"{ours or 'none'} and {theirs or 'none'}"
+    names = [name for name in {**one, **other} if one.get(name) != other.get(name)]
+    return ", ".join(f"{name}: {json.dumps(one.get(name))} and {json.dumps(other.get(name))}" for name in names)
 
 
 def _plain(name: str, text: str | None) -> str | None:
@@ -179,10 +213,8 @@ def _check_order(before: Part, after: Part, allow_gap: bool) -> None:
     if last is not None and first is not None and (_are_counted(before, after) or first.stream_id == last.stream_id):
         next_index = _behind(last)
         if first.frame_index < next_index:
-            raise SettingsError(
-                f"{after.path} begins with frame {first.frame_index}, but {before.path} ends with frame "
-                f"{next_index - 1}: give the parts in order, and without overlap"
-            )
+            _check_overlap(before, after, next_index)
+            return
         usual = 0 if _are_counted(before, after) else max(before.gap, after.gap)
         if first.frame_index - next_index > usual and not allow_gap:
             raise SettingsError(
@@ -193,3 +225,28 @@ f"{after.path}: add the missing part, or use --allow-gap", "allow_gap"
         raise SettingsError(
             f"{after.path} begins before {before.path} ends: give the parts in order, and without overlap"
         )
+
+
+def _check_overlap(before: Part, after: Part, next_index: int) -> None:
+    """Note what both parts have, so that it is written once: `cut` begins a part with a key frame, earlier than asked.
+
+    Raises SettingsError if the second part does not go on from the first, or was coded apart from it.
+    """
+    if after.first is None or after.last is None:
+        return
+    begins = (
+        f"{after.path} begins with frame {after.first.frame_index}, but {before.path} ends with frame {next_index - 1}"
+    )
+    if _behind(after.last) <= next_index:
+        raise SettingsError(f"{begins}: give the parts in order, and without overlap")
+    had = digests_of(RecordingReader(before.handle, warn=False).everything())
+    for channel, stored in RecordingReader(after.handle, warn=False).everything():
+        if channel.encoding != MESSAGE_ENCODING or digest_of(channel, stored) in had:
+            continue
+        if _header(after.path, stored.data()).frame_index < next_index:
+            source = quote(after.reader.metadata.get("source", ""))
+            way = f", for example `lidarcodec encode {source} PART.mcap --skip {next_index}` with the same settings"
+            raise SettingsError(
+                f"{begins}, and what both have was not coded at once: give parts without overlap{way * after.counted}"
+            )
+    after.had = had

@@ -80,6 +80,7 @@ class Joined(TypedDict):
     parts: Annotated[int, "number of parts"]
     messages: Annotated[int | None, "number of messages copied; null of captures"]
     packets: Annotated[int | None, "number of packets copied; null of recordings"]
+    twice: Annotated[int, "messages of recordings that two parts have, and that were written once"]
 
 
 class CutOut(TypedDict):
