@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
@@ -26,6 +26,9 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
 log = logging.getLogger(__name__)
+
+OF_THE_SOURCE: Final = "the source"
+"""So begin sentences about the source alone."""
 
 
 def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, allow_part: bool = False) -> bool:
@@ -135,10 +138,13 @@ def not_given(counts: Counter[str]) -> list[str]:
     """Data that the source did not give, because it is damaged or of another kind. No recording of it can have it."""
     broken = []
     if counts["truncated"] or counts["damaged"]:
-        broken.append("the source itself is cut off or damaged; use --allow-part if that is known")
+        broken.append(
+            f"{OF_THE_SOURCE} itself is cut off or damaged, which says nothing against the recording: it was compared "
+            "with what is left; use --allow-part if that is known"
+        )
     left = unkept(Counter({cause: counts[cause] for cause in OF_THE_SENSOR}))
     if left is not None:
-        broken.append(f"the source holds data that was not kept: {left}; use --allow-part if that is known")
+        broken.append(f"{OF_THE_SOURCE} holds data that was not kept: {left}; use --allow-part if that is known")
     return broken
 
 
@@ -174,7 +180,7 @@ def _packets_text(result: dict[str, Any]) -> str:
     count, same = result["packets"], result["identical_packets"]
     if result["packets_identical"]:
         return f"{count:,}, identical"
-    if result["broken"]:
+    if any(not text.startswith(OF_THE_SOURCE) for text in result["broken"]):
         return f"{count:,}, {same:,} identical"
     some = f"{same:,} identical, the others" if same else "all of them"
     return f"{count:,}, {some} sent with losses, as the settings allow"

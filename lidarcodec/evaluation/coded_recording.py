@@ -123,10 +123,10 @@ class CodedRecording:
         size, what = (self.payload_bytes, "packets") if again is None else (again, "messages")
         ratio = f", ratio {size / self.coded:.2f}" * (not self.left_out)  # else it would count what is not there
         coded = f"{size:,} bytes of {what} in {self.coded:,} bytes{ratio}" if size else f"{self.coded:,} bytes"
-        left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
+        left = f" (and {self.left_out:,} left out to keep the target)" * bool(self.left_out)
         positions = f"{counted(self.positions, self._aside)}, " * bool(self.positions)
         compared = f", all decoded again and compared{self.losses.text()}"
-        return f"{counted(self.frames, 'frame')}{left}, {positions}{coded}{compared}"
+        return f"{counted(self.frames - self.left_out, 'frame')}{left}, {positions}{coded}{compared}"
 
     def _pair(self, sent: Frame, decoded: Frame) -> None:
         if self._encoder.refinable is None:  # else the refined frame is compared

@@ -124,6 +124,7 @@ def test_what_does_not_fit_is_said_before_anything_is_written(tmp_path, recordin
         ),
         ([f"{recording}?read=messages", tmp_path / "out.mcap"], "unknown option of the source"),
         (["sim:city?frames=1", tmp_path / "out.mcap"], "lidarcodec encode"),
+        (["sim:city", tmp_path / "out.mcap", "--skip", "1", "--frames", "3"], "OUT.mcap --skip 1 --frames 3`"),
     ):
         done = run_here("convert", *words, "--as", "messages")
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr

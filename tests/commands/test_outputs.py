@@ -112,6 +112,7 @@ def test_pcd_is_read_by_pypcd4(written, frames, form):
     for name in ("x", "y", "z", "intensity", "laser", "ring"):
         np.testing.assert_array_equal(found.pc_data[name], cloud[name])
     assert set(found.pc_data["frame"]) == {0, 1, 2}
+    assert found.types[:4] == (np.float32,) * 4  # of another type, PCL's PointXYZI reads every intensity as 0
 
 
 def test_csv_has_a_line_for_each_point(written, frames):

@@ -63,6 +63,20 @@ def test_a_recording_that_covers_less_than_its_source_fails(
     assert "BROKEN" not in allowed.stdout
 
 
+def test_of_a_source_that_was_cut_off_it_is_said_that_the_recording_is_not_the_broken_one(
+    drive: Path, tmp_path: Path
+) -> None:
+    """tcpdump was killed. All that it had written is in the recording, and `verify` said only BROKEN."""
+    cut, out = tmp_path / "cut.pcap", tmp_path / "cut.mcap"
+    cut.write_bytes((drive / "drive.pcap").read_bytes()[:400_500])
+    assert run_here("encode", cut, out, "--set", "max_error_m=0.02").returncode == 0
+    result = run_here("verify", out, cut)
+    assert result.returncode == 1
+    assert "the source itself is cut off or damaged, which says nothing against the recording" in result.stdout
+    assert "sent with losses, as the settings allow" in result.stdout
+    assert run_here("verify", out, cut, "--allow-part").returncode == 0
+
+
 def test_a_cut_recording_fails_even_if_a_part_is_allowed(drive: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((drive / "whole.mcap").read_bytes()[:-50_000])

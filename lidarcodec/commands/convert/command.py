@@ -116,6 +116,7 @@ def convert(
     spec, selection = of_model(source, model), Selection(frames, skip, begin, end)
     placing = Placing.of(region, transform, merge=merge, returns=returns)
     if form == messages.FORM:
+        messages.check_recording(spec, skip=skip, frames=frames, begin=begin, end=end)
         for name, other in (("--from", begin), ("--to", end), ("--skip", skip), ("--frames", frames),
                             ("--codec", codec), ("--set", pairs), ("--calibration", calibration), ("--poses", poses),
                             ("--with-clouds", with_clouds), (placing.given, placing.given), ("--model", model),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from shlex import quote
 from typing import Final
 
 from lidarcodec import wire
@@ -30,6 +31,18 @@ FORM: Final = "messages"
 POINTS_TOPIC: Final = "/points"
 
 
+def check_recording(spec: str, **selected: object) -> None:
+    """Raises SettingsError if the source is no recording. selected: what was asked of it: that is for `encode`"""
+    if kind_of(parse(spec)) == "recording":
+        return
+    names = {"skip": "--skip", "frames": "--frames", "begin": "--from", "end": "--to"}
+    words = "".join(f" {names[name]} {value}" for name, value in selected.items() if value)
+    raise SettingsError(
+        f"--as {FORM} needs a recording, and takes all of it: write one first with `lidarcodec encode {quote(spec)} "
+        f"OUT.mcap{words}`", "as"
+    )  # fmt: skip
+
+
 def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force: bool, as_json: bool) -> None:
     """Write a bag with a CompressedPointCloud2 for each message, and `/tf` where messages carry poses.
 
@@ -39,10 +52,6 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
     if out.suffix.lower() not in ("", ".mcap"):
         raise SettingsError(f"--as {FORM} does not fit {out}: give a name that ends in .mcap, or a folder", "as")
     parsed, topic = parse(spec), ros_topic(topic or POINTS_TOPIC)
-    if kind_of(parsed) != "recording":
-        raise SettingsError(
-            f"--as {FORM} needs a recording: write one first with `lidarcodec encode {spec} OUT.mcap`", "as"
-        )
     path = parsed.only().path
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES

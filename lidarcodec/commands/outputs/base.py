@@ -24,6 +24,8 @@ RETURN_NUMBER: Final = "return_number"
 """Field of a cloud and of rows where all returns are asked for: 1 or 2."""
 WIDE: Final = np.dtype([(name, "<u2" if name == "intensity" else NARROW[name].str) for name in NARROW.names or ()])
 """The same with intensities of 16 bits."""
+REAL: Final = np.dtype([(name, "<f4" if name == "intensity" else NARROW[name].str) for name in NARROW.names or ()])
+"""The same with intensities of any width as real numbers, for readers that take no others."""
 
 
 NO_CLOUD: Final = np.empty(0, [("x", "f4")])
@@ -48,11 +50,11 @@ def is_wide(frame: Frame, cloud: Cloud) -> bool:
 class Rows:
     """Turns clouds into rows of one type: that of the first frame, whose sensor says how wide intensities are.
 
-    dtype: NARROW or WIDE, known after the first frame; with RETURN_NUMBER if the clouds have it
+    dtype: NARROW or WIDE, known after the first frame, or always REAL; with RETURN_NUMBER if the clouds have it
     """
 
-    def __init__(self, ending: str) -> None:
-        self._ending = ending
+    def __init__(self, ending: str, *, real: bool = False) -> None:
+        self._ending, self._real = ending, real
         self._start_ns: int | None = None
         self._clipped = False
         self.dtype = NARROW
@@ -64,13 +66,13 @@ class Rows:
         """
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
-            self.dtype = WIDE if is_wide(frame, cloud) else NARROW
+            self.dtype = REAL if self._real else WIDE if is_wide(frame, cloud) else NARROW
             if RETURN_NUMBER in (cloud.dtype.names or ()):
                 self.dtype = np.dtype([*self.dtype.descr, (RETURN_NUMBER, "u1")])
         rows = np.empty(len(cloud), self.dtype)
         for name in ("x", "y", "z", "laser", "ring"):
             rows[name] = cloud[name]
-        top = np.iinfo(self.dtype["intensity"]).max
+        top = 255 if self.dtype["intensity"] == np.uint8 else 65535
         if not self._clipped and cloud["intensity"].max(initial=0) > top:
             self._clipped = True
             log.warning(

@@ -1,7 +1,8 @@
 """Points as PCD 0.7 of the Point Cloud Library, binary or compressed.
 
 The format is described at https://pointclouds.org/documentation/tutorials/pcd_file_format.html. Fields are those of
-PLY. Compressed data are the fields one behind the other, in LZF, after two sizes of 32 bits.
+PLY, with intensities as float32: PCL's PointXYZI takes only these, and reads 0 from any others. Compressed data are the
+fields one behind the other, in LZF, after two sizes of 32 bits.
 """
 
 from __future__ import annotations
@@ -44,12 +45,12 @@ def header_of(dtype: np.dtype[np.void], count: int, data: str) -> bytes:
 
 
 class PcdOutput:
-    """Binary PCD: x y z in metres, intensity (16 bits if the sensor sends 16, and of point clouds), laser, ring, frame,
-    and t in seconds since the first point."""
+    """Binary PCD: x y z in metres, intensity as the sensor counts it, laser, ring, frame, and t in seconds since the
+    first point."""
 
     def __init__(self, path: Path) -> None:
         self._handle = path.open("wb")
-        self._rows = Rows(".pcd")
+        self._rows = Rows(".pcd", real=True)
         self._begun = False
         self._count = 0
 
@@ -72,7 +73,7 @@ class CompressedPcdOutput:
 
     def __init__(self, path: Path) -> None:
         self._handle = path.open("wb")
-        self._rows = Rows(".pcd")
+        self._rows = Rows(".pcd", real=True)
         self._parts: list[npt.NDArray[np.void]] = []
         self._bytes = 0
 

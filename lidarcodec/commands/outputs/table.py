@@ -87,25 +87,28 @@ def suffix(path: Path) -> str:
     return "" if path.is_dir() else path.suffix.lower()
 
 
-def form_of(path: Path, name: str | None = None, *, folder: str | None = None, further: Sequence[str] = ()) -> Form:
+def form_of(
+    path: Path,
+    name: str | None = None,
+    *,
+    folder: str | None = None,
+    further: Sequence[str] = (),
+    each: str = "a folder and --as {form} for one file a frame",
+) -> Form:
     """The format called `name`, otherwise that of the path's ending; folder: the format of a path without one.
-    further: other names that the command knows, for its error
+    further: other names that the command knows, for its error;  each: how a file for each frame is had, for it, too
 
     Raises UnknownNameError, or SettingsError if there is none or the path does not fit.
     """
     ending = suffix(path)
     if NUMBERED.search(path.name):
-        raise SettingsError(
-            f"{path} is not a pattern for numbered files: for one file a frame, give a folder and --as "
-            f"{name or ending[1:]}"
-        )
+        raise SettingsError(f"{path} is not a pattern for numbered files: give {each.format(form=name or ending[1:])}")
     if name is None:
         name = folder if not ending else next((one.name for one in FORMS.values() if one.ending == ending), None)
         if name is None or (ending and FORMS[name].only_each):
             known = f"{' '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
             raise SettingsError(
-                f"cannot write {path}: give a name that ends in {known}, or a folder and --as FORMAT for one "
-                "file a frame"
+                f"cannot write {path}: give a name that ends in {known}, or {each.format(form='FORMAT')}"
             )
     if name not in FORMS:
         raise UnknownNameError("format", name, dict.fromkeys((*further, *FORMS)))

@@ -13,6 +13,7 @@ import logging
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
+from typing import Final
 
 from lidarcodec.cloud import Returns, second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
@@ -22,6 +23,8 @@ from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame, several
 
 log = logging.getLogger(__name__)
+
+EACH: Final = "a folder for KITTI .bin, a file a frame; for other files of one frame, write [frame] to each"
 
 
 def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns = "first", force: bool = False) -> int:
@@ -37,7 +40,7 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
     """
     several(frames, "write_frames", "frames")
     path = Path(out)
-    form = form_of(path, folder="kitti")
+    form = form_of(path, folder="kitti", each=EACH)
     if not force and (path.is_file() or (path.is_dir() and any(path.iterdir()))):
         raise SettingsError(f"{path} exists: choose another name, or pass force=True to replace it")
     check_output(path, form, force=force)

@@ -25,7 +25,9 @@ class Converted(TypedDict):
     ratio: NotRequired[
         Annotated[float, "of a recording: packet bytes divided by coded bytes; of one coded again: source coded bytes"]
     ]
-    left_out: NotRequired[Annotated[int, "of a recording: frames left out to keep the target bitrate"]]
+    left_out: NotRequired[
+        Annotated[int, "of a recording: how many of `frames` are not in it, to keep the target bitrate"]
+    ]
     returns_percent: NotRequired[Annotated[float, "of a recording: returns of its frames that come back, in percent"]]
     largest_error_m: NotRequired[Annotated[float, "of a recording: largest error of a range, in metres"]]
     intensity_rms: NotRequired[
