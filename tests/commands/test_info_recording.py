@@ -43,3 +43,15 @@ def test_a_recording_of_raw_packets_does_not_look_empty(tmp_path: Path) -> None:
     assert f'lidarcodec info "{out}?read=packets"' in shown
     assert run_here("info", f"{out}?read=packets").returncode == 0
     assert run_here("convert", out, tmp_path / "drive.pcap").returncode == 0
+
+
+def test_encode_counts_the_frames_that_are_in_the_file(tmp_path: Path) -> None:
+    """It said "10 frames (4 of them left out)" of a file with 6."""
+    out = tmp_path / "drive.mcap"
+    words = ("--codec", "auto", "--set", "target_kbps=100", "--allow-missed")
+    done = run_here("encode", "sim:city?frames=4", out, *words)
+    assert done.returncode == 0, done.stderr
+    kept = json.loads(run_here("info", out, "--json").stdout)["frames"]
+    assert 0 < kept < 4
+    assert f"{kept} frame" in done.stdout
+    assert f"(and {4 - kept} left out to keep the target)" in done.stdout

@@ -17,7 +17,7 @@ from lidarcodec.archive.names import Commit
 from lidarcodec.archive.table import check_extra
 from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
-from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
+from lidarcodec.commands.outputs.table import SCANS, check_output, check_returns, contents_of, form_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -74,7 +74,7 @@ def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_jso
     if is_recording:
         check_free(out, force=force)
     else:
-        form = form_of(out, folder=FOLDER)
+        form = form_of(out, folder=FOLDER, each=SCANS)
         check_output(out, form, force=force)
         check_returns(form, placing.returns)
     store = open_archive(archive)
@@ -103,7 +103,7 @@ def _frames(
     watched = Watched(store.decoded(**arguments), stopped)
     found = iter(watched)
     first = _first(found, store, arguments)
-    form, count, second = form_of(out, folder=FOLDER), 0, 0
+    form, count, second = form_of(out, folder=FOLDER, each=SCANS), 0, 0
     with opened(out, form, output.beside) as writer:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)

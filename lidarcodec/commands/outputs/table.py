@@ -81,6 +81,9 @@ NUMBERED: Final = re.compile(r"%0?\d*d")
 """How other programs name a file for each frame."""
 ENDINGS: Final = tuple(dict.fromkeys(form.ending for form in FORMS.values() if not form.only_each))
 
+SCANS: Final = "a folder for KITTI .bin, a file for each frame"
+"""What a folder is where no other format can be named."""
+
 
 def suffix(path: Path) -> str:
     """The ending of an output's name; empty for a folder."""

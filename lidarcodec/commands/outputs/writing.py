@@ -17,14 +17,14 @@ from typing import Final
 
 from lidarcodec.cloud import Returns, second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD
-from lidarcodec.commands.outputs.table import check_output, check_returns, contents_of, form_of, opened
+from lidarcodec.commands.outputs.table import SCANS, check_output, check_returns, contents_of, form_of, opened
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame, several
 
 log = logging.getLogger(__name__)
 
-EACH: Final = "a folder for KITTI .bin, a file a frame; for other files of one frame, write [frame] to each"
+EACH: Final = f"{SCANS}; for other files of one frame, write [frame] to each"
 
 
 def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns = "first", force: bool = False) -> int:
