@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import re
@@ -91,6 +92,25 @@ def test_the_page_shows_the_vehicle_and_changes_it_and_goes_with_the_demonstrati
     assert gone(url)
     assert list(tmp_path.glob("lidarcodec-demo-*")) == []
     assert not (tmp_path / "opened").exists()
+
+
+@pytest.mark.sweep
+def test_a_short_capture_of_another_sensor_is_played_for_the_asked_time_and_counted_as_it_is(demo, data_file):
+    """Else 0.4 s of data gave rates of a single burst, and its packets were counted as longer ones."""
+    capture = data_file("sensors/hesai/pandar_xt32m.pcap.xz")
+    process = demo("--no-browser", "--seconds", "6", "--json", "--source", str(capture))
+    said, complaints = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, complaints
+    figures = json.loads(said)
+    assert figures["seconds"] > 5.0
+    assert figures["fps"] < 15.0
+    assert figures["raw_kbps"] == pytest.approx(figures["fps"] * 8 * 487 * 820 / 1000, rel=0.1)
+
+
+@pytest.mark.parametrize("source", ["drive.pcap", "drive.mcap?read=lidarcodec", "sim:city"])
+def test_what_has_an_end_begins_again_and_what_is_live_does_not(source):
+    assert processes.repeats(source) == ["--loop"]
+    assert processes.repeats("udp://:2368") == processes.repeats("ros2:/points") == []
 
 
 @pytest.mark.sweep

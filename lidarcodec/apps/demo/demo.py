@@ -23,9 +23,9 @@ from lidarcodec.apps.demo.processes import PageServer, vehicle
 from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SourceError, TransportError
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import payload_bytes
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.settings import StreamSettings
-from lidarcodec.units import PACKET_BYTES
 
 if TYPE_CHECKING:
     from lidarcodec.apps.receiver.live_stream import LiveStream
@@ -127,7 +127,7 @@ class Demo:
         self._interrupted, self._parent = False, os.getppid()
         self._live: LiveStream | None = None
         self._started = time.monotonic()
-        self._packets = self._points = self._seen = 0
+        self._raw_bytes = self._points = self._seen = 0
         self._last: Frame | None = None
 
     def interrupt(self) -> None:
@@ -229,7 +229,7 @@ class Demo:
     def _take(self, frame: Frame) -> None:
         self._last = frame
         self._seen += 1
-        self._packets += frame.side.packets if frame.side else 0
+        self._raw_bytes += payload_bytes(frame)
         self._points += frame.points
 
     def figures(self, live: LiveStream) -> Figures:
@@ -250,12 +250,12 @@ class Demo:
         )
         if frames and self._points:
             frame_bytes = summary["bytes"] / frames
-            packets = self._packets / self._seen
-            figures.ratio = packets * PACKET_BYTES / frame_bytes
+            raw_bytes = self._raw_bytes / self._seen
+            figures.ratio = raw_bytes / frame_bytes
             figures.bits_per_point = frame_bytes * 8 * self._seen / self._points
             if figures.fps is not None:
                 figures.kbps = frame_bytes * 8 * figures.fps / 1000
-                figures.raw_kbps = packets * PACKET_BYTES * 8 * figures.fps / 1000
+                figures.raw_kbps = raw_bytes * 8 * figures.fps / 1000
         return figures
 
     def _print(self, text: str) -> None:

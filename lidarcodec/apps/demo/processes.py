@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, Final
 
 from lidarcodec.errors import TransportError
+from lidarcodec.sources import spec
 from lidarcodec.transport.endpoints import PORT_VARIABLE
 from lidarcodec.transport.meeting_point import is_free
 
@@ -40,6 +41,15 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def repeats(source: str) -> list[str]:
+    """Words that begin a recorded source again at its end: a short one would be over before there are rates of it.
+
+    >>> repeats("drive.pcap"), repeats("udp://0.0.0.0:2368")
+    (['--loop'], [])
+    """
+    return [] if spec.parse(source).scheme in spec.LIVE else ["--loop"]
+
+
 @contextmanager
 def vehicle(
     source: str, name: str, meeting_port: int, words: list[str], complaints: IO[bytes]
@@ -48,7 +58,7 @@ def vehicle(
     environment = {name: value for name, value in os.environ.items() if not name.startswith(NOT_FOR_THE_VEHICLE)}
     process = subprocess.Popen(
         # The page can compare decoded frames with uncompressed ones, which are sent only while a viewer compares.
-        [*COMMAND, "publish", source, "--vehicle", name, "--original", *words],
+        [*COMMAND, "publish", source, "--vehicle", name, "--original", *repeats(source), *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=complaints,
