@@ -56,6 +56,8 @@ _LATCHED: Final = """- history: 1
   avoid_ros_namespace_conventions: false
 """
 """Quality of service of /tf_static: reliable, and kept for listeners that come later (transient local)."""
+METADATA: Final = "metadata.yaml"
+"""Name of the file beside the messages in the folder of a bag."""
 _CHUNK: Final = 2**20
 _INFORMATION_VERSION: Final = 5
 """Version of metadata.yaml that every ROS 2 since Humble reads."""

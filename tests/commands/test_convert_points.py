@@ -1,12 +1,14 @@
 """`convert` and `decode` into points: from every kind of source, chosen by time, moved, cut and merged."""
 
 import json
+import struct
 
 import laspy
 import mcap.reader
 import numpy as np
 import pypcd4
 import pytest
+import yaml
 
 import lidarcodec
 from lidarcodec.commands.outputs.base import NARROW
@@ -66,6 +68,27 @@ def test_scans_of_kitti_and_messages_of_points_are_sources_too(drive, tmp_path):
     assert summary.statistics.message_count == clouds["frames"]
     found = done("convert", tmp_path / "clouds.mcap", tmp_path / "a.laz")
     assert found["points"] == clouds["points"] == len(laspy.read(tmp_path / "a.laz").points)
+
+
+def test_clouds_of_any_sensor_make_a_bag_in_a_folder_in_its_own_frame(tmp_path):
+    """`ros2 bag play FOLDER` is what people type, and a Hesai is not in the frame of a Velodyne."""
+    done("convert", "sim:garage?sensor=xt32m&frames=2", tmp_path / "bag", "--as", "clouds")
+    about = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert about["relative_file_paths"] == ["bag_0.mcap"]
+    assert frames_and_topics(tmp_path / "bag" / "bag_0.mcap") == {("/points", "xt32m")}
+    assert done("convert", tmp_path / "bag", tmp_path / "a.ply")["frames"] == about["message_count"] == 2
+    words = ("--as", "clouds", "--force", "--topic", "/front/points", "--frame-id", "front")
+    done("convert", "sim:garage?sensor=vlp16&frames=1", tmp_path / "bag", *words)
+    assert frames_and_topics(tmp_path / "bag" / "bag_0.mcap") == {("/front/points", "front")}
+    done("convert", "sim:garage?sensor=vlp16&frames=1", tmp_path / "a.mcap", "--as", "clouds")
+    assert frames_and_topics(tmp_path / "a.mcap") == {("/points", "velodyne")}
+
+
+def frames_and_topics(path):
+    """Topic and frame_id of the messages of a bag. After head, stamp and length comes the text of the frame."""
+    with path.open("rb") as file:
+        messages = [(channel.topic, one.data) for _, channel, one in mcap.reader.make_reader(file).iter_messages()]
+    return {(topic, data[16 : 16 + struct.unpack_from("<I", data, 12)[0] - 1].decode()) for topic, data in messages}
 
 
 DUAL = "sim:garage?sensor=vlp16&returns=dual&frames=2"

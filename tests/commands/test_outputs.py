@@ -25,8 +25,9 @@ def frames():
 def written(frames, tmp_path):
     def write(name, form=None):
         path = tmp_path / name
-        with whole(path, contents=contents_of(path)) as made:
-            output = open_output(path, form_of(path, form, folder="kitti"), made.beside)
+        made_as = form_of(path, form, folder="kitti")
+        with whole(path, contents=contents_of(path, made_as)) as made:
+            output = open_output(path, made_as, made.beside)
             for frame in frames:
                 output.write(frame, frame.cloud())
             output.close()
@@ -169,14 +170,14 @@ def test_an_ending_that_nobody_writes_is_refused_before_anything_is_read(tmp_pat
 @pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las", "out.pcd", "out.csv", "scans"])
 def test_an_output_has_its_name_when_it_is_whole_and_not_before(written, frames, tmp_path, name):
     path = tmp_path / name
+    form = form_of(path, folder="kitti")
 
     def breaks(made):
-        form = form_of(path, folder="kitti")
         open_output(path, form, made.beside).write(frames[0], frames[0].cloud())
         assert not path.exists()
         raise ValueError("broken")
 
-    with pytest.raises(ValueError, match="broken"), whole(path, contents=contents_of(path)) as made:
+    with pytest.raises(ValueError, match="broken"), whole(path, contents=contents_of(path, form)) as made:
         breaks(made)
     assert list(tmp_path.iterdir()) == []
     written(name)

@@ -71,17 +71,19 @@ def run(archive: str, out: Path, which: Which, returns: str, force: bool, as_jso
     if which.where is not None:
         check_extra("--where")
     is_recording = out.suffix.lower() == RECORDING
+    contents = None
     if is_recording:
         check_free(out, force=force)
     else:
         form = form_of(out, folder=FOLDER, each=SCANS)
+        contents = contents_of(out, form)
         check_output(out, form, force=force)
         check_returns(form, placing.returns)
     store = open_archive(archive)
     with (
         stoppable() as stopped,
         progress("fetching") as tick,
-        whole(out, force=force, contents=None if is_recording else contents_of(out)) as output,
+        whole(out, force=force, contents=contents) as output,
     ):
         write = _recording if is_recording else partial(_frames, placing=placing)
         frames, cut = write(store, arguments, out, output, stopped, tick)

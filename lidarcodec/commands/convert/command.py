@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -77,12 +78,17 @@ def convert(
         Option(
             "--topic",
             metavar="NAME",
-            help="Topic of the packets in a rosbag. Default: /velodyne_packets. Messages are on NAME/lidarcodec.",
+            help="Topic of the packets in a rosbag. Default: /velodyne_packets. Of --as clouds: of the points, "
+            "/points. Messages are on NAME/lidarcodec.",
         ),
     ] = None,
     frame_id: Annotated[
         str | None,
-        Option("--frame-id", metavar="NAME", help="frame_id in a rosbag. Default: velodyne, or VEHICLE/SENSOR."),
+        Option(
+            "--frame-id",
+            metavar="NAME",
+            help="frame_id in a rosbag. Default: velodyne, the model of another sensor, or VEHICLE/SENSOR of messages.",
+        ),
     ] = None,
     allow_missed: AllowMissed = False,
     force: Force = False,
@@ -106,6 +112,7 @@ def convert(
     from lidarcodec.commands.convert.outputs import FORMS
     from lidarcodec.commands.convert.outputs import form_of as packet_form_of
     from lidarcodec.commands.endpoints import endpoints_of
+    from lidarcodec.commands.outputs.base import BagNames
     from lidarcodec.commands.outputs.table import form_of
     from lidarcodec.commands.selection.frames import Selection
     from lidarcodec.commands.selection.points import Placing
@@ -148,6 +155,9 @@ def convert(
                     allow_missed=allow_missed, as_json=as_json, mounted=mounted)  # fmt: skip
         return
     wanted = Wanted(out, form_of(out, form, further=FORMS), selection, placing, force, as_json)
+    if wanted.form.is_bag:
+        names = BagNames(None if topic is None else packets.ros_topic(topic), frame_id)
+        wanted, topic, frame_id = replace(wanted, names=names), None, None
     for name, given in (("--codec", codec), ("--set", pairs), ("--with-clouds", with_clouds), ("--topic", topic),
                         ("--frame-id", frame_id), ("--allow-missed", allow_missed)):  # fmt: skip
         if given:

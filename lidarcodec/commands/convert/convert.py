@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Final
 
 from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, open_output
+from lidarcodec.commands.outputs.table import BAG_FILES
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
@@ -27,6 +26,7 @@ from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.files.whole import check_free, whole
+from lidarcodec.recording.rosbag import METADATA
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sensors.models.table import PACKETS, aside_name
@@ -36,9 +36,7 @@ from lidarcodec.sources.spec import parse
 from lidarcodec.sources.unit_calibration import is_generic
 from lidarcodec.units import FRAME_PACKETS, counted
 
-METADATA, CALIBRATION = "metadata.yaml", "db.xml"
-BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
-"""Files in a rosbag2 that this command writes."""
+CALIBRATION = "db.xml"
 IN_THE_STREAM = ("generic", "stream")
 """Origins of calibrations that are not written to a file: generic tables, and tables inside the packets."""
 

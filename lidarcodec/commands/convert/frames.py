@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.cloud import second_returns, second_returns_text
-from lidarcodec.commands.outputs.base import NO_CLOUD, Output
+from lidarcodec.commands.outputs.base import NO_CLOUD, USUAL, BagNames, Output
 from lidarcodec.commands.outputs.table import Form, check_output, check_returns, contents_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
@@ -54,7 +54,7 @@ APART: Final = "Each frame keeps its own sensor frame: add --merge to place them
 class Wanted:
     """What is to be written. form: its format;  selection: which frames;  placing: where points lie
 
-    chosen: whether the form was, instead of that of any folder
+    chosen: whether the form was, instead of that of any folder;  names: in a bag
     """
 
     out: Path
@@ -64,6 +64,7 @@ class Wanted:
     force: bool = False
     as_json: bool = False
     chosen: bool = True
+    names: BagNames = USUAL
 
     def check(self) -> None:
         """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
@@ -71,7 +72,7 @@ class Wanted:
         if given and not self.form.points:
             raise SettingsError(f"{given} is only for points, but {self.form.name} holds packets, images or messages")
         check_returns(self.form, self.placing.returns)
-        if self.placing.merge and contents_of(self.out) is not None:
+        if self.placing.merge and contents_of(self.out, self.form) is not None:
             raise SettingsError("--merge puts all frames into one file: give OUT an ending, such as .ply", "merge")
         check_output(self.out, self.form, force=self.force)
 
@@ -238,7 +239,7 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
     with (
         progress("converting", selection.frames) as tick,
         stoppable(source.finish if source.live else None) as stopped,
-        whole(out, force=wanted.force, contents=contents_of(out)) as output,
+        whole(out, force=wanted.force, contents=contents_of(out, wanted.form)) as output,
     ):
         # A signal ends a live source; the packets received so far are the last frame.
         watched = Watched(source, (lambda: False) if source.live else stopped)
@@ -250,7 +251,7 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
             source.say()
             raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
         written = _Written()
-        with opened(wanted.out, wanted.form, output.beside) as writer:
+        with opened(wanted.out, wanted.form, output.beside, wanted.names) as writer:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
                 tick()
@@ -307,6 +308,7 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     if written.second_returns:
         found["second_returns_left_out"] = written.second_returns
     files = f", a file for each ({wanted.form.name}{'' if wanted.chosen else INSTEAD})" if folder else ""
+    files = ", a rosbag2" if folder and wanted.form.is_bag else files
     text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
         text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"

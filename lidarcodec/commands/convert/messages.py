@@ -8,7 +8,8 @@ from shlex import quote
 from typing import Final
 
 from lidarcodec import wire
-from lidarcodec.commands.convert.convert import BAG_FILES, METADATA, ros_topic
+from lidarcodec.commands.convert.convert import ros_topic
+from lidarcodec.commands.outputs.table import BAG_FILES
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
 from lidarcodec.commands.running import remaining
@@ -22,6 +23,7 @@ from lidarcodec.files.whole import check_free, whole
 from lidarcodec.mounting.stream import MountMemory
 from lidarcodec.planes.sections import pose_of
 from lidarcodec.recording import RecordingReader, RosbagWriter
+from lidarcodec.recording.rosbag import METADATA
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 

@@ -175,7 +175,7 @@ class Bag:
             if not self._packets:
                 raise PacketError(
                     f"a rosbag of packets is for a Velodyne, and this sensor sends {size} bytes, not {PACKET_BYTES}: "
-                    "for its points add --as clouds (a file, .mcap) or --as ply (a folder of files)"
+                    "for its points add --as clouds (a rosbag, too) or --as ply (a file for each frame)"
                 )
             self.left_out += 1
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -30,6 +31,17 @@ REAL: Final = np.dtype([(name, "<f4" if name == "intensity" else NARROW[name].st
 
 NO_CLOUD: Final = np.empty(0, [("x", "f4")])
 """For formats that do not hold points."""
+
+
+@dataclass(frozen=True)
+class BagNames:
+    """Names in a bag of clouds. None: `/points`, and the frame that `frame_id_of` gives"""
+
+    topic: str | None = None
+    frame_id: str | None = None
+
+
+USUAL: Final = BagNames()
 
 
 class Output(Protocol):

@@ -15,13 +15,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, cast
 
-from lidarcodec.commands.outputs.base import Output
+from lidarcodec.commands.outputs.base import USUAL, BagNames, Output
 from lidarcodec.commands.outputs.folder import FolderOutput
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.files.whole import check_free
 
 FOLDER_FILES: Final = re.compile(r"\d{6,}\.(bin|npz|ply|pcd|las|laz|csv|e57)|timestamps\.json")
 """Names of the files in a folder with a file for each frame."""
+BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
+"""Names of the files in a rosbag2, and of a calibration that `convert` may put there."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,12 @@ class Form:
     @property
     def first_returns(self) -> bool:
         """Whether it holds the first return of each beam alone, unless all are asked for."""
-        return self.points or self.name == "clouds"
+        return self.points or self.is_bag
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether a folder of it is a rosbag2."""
+        return self.name == "clouds"
 
     @property
     def only_each(self) -> bool:
@@ -120,7 +127,7 @@ def form_of(
         raise SettingsError(
             f"--as {name} does not fit {path}: give a name that ends in {form.ending}, or a folder", "as"
         )
-    if not ending and not form.each:
+    if not ending and not form.each and not form.is_bag:
         raise SettingsError(f"--as {name} writes a single file: {path} must end in {form.ending}", "as")
     return form
 
@@ -132,7 +139,7 @@ def check_output(path: Path, form: Form, *, force: bool = False) -> None:
         raise MissingExtraError(f"writing {path}", form.extra)
     if form.name != "pcap" and (path.is_fifo() or path.is_char_device()):
         raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can be written to it")
-    check_free(path, force=force, contents=contents_of(path))
+    check_free(path, force=force, contents=contents_of(path, form))
 
 
 def check_returns(form: Form, returns: str) -> None:
@@ -143,23 +150,29 @@ def check_returns(form: Form, returns: str) -> None:
         )
 
 
-def contents_of(path: Path) -> re.Pattern[str] | None:
+def contents_of(path: Path, form: Form) -> re.Pattern[str] | None:
     """Names of the files in an output folder; None if the output is a file."""
-    return None if suffix(path) else FOLDER_FILES
+    if suffix(path):
+        return None
+    return BAG_FILES if form.is_bag else FOLDER_FILES
 
 
-def open_output(path: Path, form: Form, beside: Path) -> Output:
-    """The output of this format, written to `beside`.
+def open_output(path: Path, form: Form, beside: Path, names: BagNames = USUAL) -> Output:
+    """The output of this format, written to `beside`. names: in a bag
 
     Raises OSError if it cannot be written.
     """
+    if form.is_bag:
+        from lidarcodec.commands.outputs.bag import BagOutput
+
+        return BagOutput(beside, names, folder="" if suffix(path) else path.name)
     return form.open(beside) if suffix(path) else FolderOutput(beside, form.ending, form.open)
 
 
 @contextmanager
-def opened(path: Path, form: Form, beside: Path) -> Iterator[Output]:
+def opened(path: Path, form: Form, beside: Path, names: BagNames = USUAL) -> Iterator[Output]:
     """The open output of `open_output`. It is completed at the end; after an error its files are only closed."""
-    writer = open_output(path, form, beside)
+    writer = open_output(path, form, beside, names)
     try:
         yield writer
     except BaseException:

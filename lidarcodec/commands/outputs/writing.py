@@ -50,7 +50,8 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
     if first is None:
         raise SourceError(f"there are no frames: {path} was not written")
     points = second = 0
-    with whole(path, force=force, contents=contents_of(path)) as output, opened(path, form, output.beside) as writer:
+    contents = contents_of(path, form)
+    with whole(path, force=force, contents=contents) as output, opened(path, form, output.beside) as writer:
         for frame in chain((first,), rest):
             cloud = frame.cloud(returns) if form.points else NO_CLOUD
             writer.write(frame, cloud)

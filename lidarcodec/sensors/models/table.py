@@ -65,6 +65,17 @@ def is_ouster(model: str) -> bool:
     return model in OUSTERS or model in bare_sensors()
 
 
+def frame_id_of(model: str) -> str:
+    """What the coordinates of a sensor's points are called in ROS, unless a name was given: `velodyne` as its driver
+    calls them, else the model.
+
+    >>> frame_id_of("hdl64e"), frame_id_of("vlp16"), frame_id_of("xt32m"), frame_id_of("os1-128")
+    ('velodyne', 'velodyne', 'xt32m', 'os1-128')
+    """
+    is_velodyne = model == HDL64E or (model in _MODELS and sensor_named(model).title.startswith("Velodyne"))
+    return "velodyne" if is_velodyne else model
+
+
 def aside_name(model: str) -> str:
     """What the packets are called that this sensor sends beside its data: of the inertial unit, or of positions."""
     return "IMU packet" if is_ouster(model) else "position packet"
