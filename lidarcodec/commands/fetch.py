@@ -25,7 +25,7 @@ from lidarcodec.files.whole import beside, check_free, whole
 from lidarcodec.recording.holes import longest_of
 from lidarcodec.transport import open_transport
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.untrusted.times import rfc_3339
+from lidarcodec.untrusted.times import rfc_3339, time_ns_of
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ def run(
     """
     check_quality(quality)
     now_ns = time.time_ns()
-    begin, end = (absolute(text, now_ns) for text in span)
+    begin, end = (absolute(text, now_ns, field) for field, text in zip(("from", "to"), span, strict=True))
     if (begin, end) != span:
         sys.stderr.write(f"the clip is --from {begin} --to {end}; write it so to continue after a cut\n")
     clip = Clip(StreamKeys.parse(key), *span_of(begin, end, now_ns=now_ns))
@@ -94,17 +94,21 @@ def run(
     tell(about, _line(about), as_json)
 
 
-def absolute(text: str, now_ns: int) -> str:
+def absolute(text: str, now_ns: int, field: str = "time") -> str:
     """A time as it is, or that of `now`, or so many seconds before it.
 
     >>> absolute("-30", 1_764_158_430 * 10**9), absolute("2026-11-26T12:00:00Z", 0)
     ('2025-11-26T12:00:00.000Z', '2026-11-26T12:00:00Z')
 
-    Raises SettingsError for seconds without their minus.
+    Raises SettingsError for what is no time, and for seconds without their minus.
     """
     if BEFORE_NOW.fullmatch(f"-{text}"):
         raise SettingsError(f"'{text}' is not a time: write -{text} for {text} s before now")
     if text != "now" and not BEFORE_NOW.fullmatch(text):
+        try:
+            time_ns_of(text, field)
+        except SettingsError as error:
+            raise SettingsError(f"{error}. Also -30 for 30 s before now, and now", field) from None
         return text
     return rfc_3339(now_ns - (0 if text == "now" else int(-float(text) * 1e9)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import re
@@ -109,5 +110,26 @@ def _plainly(error: str) -> str:
 
 def open_session(config: zenoh.Config) -> zenoh.Session:
     """Raises TransportError when the session cannot be opened."""
-    with telling("cannot open a Zenoh session"):
-        return zenoh.open(config)
+    try:
+        with telling("cannot open a Zenoh session"):
+            return zenoh.open(config)
+    except TransportError as error:
+        raise TransportError(_not_listening(str(error))) from None
+
+
+def _not_listening(error: str) -> str:
+    """What an error of Zenoh about an address at which it cannot listen means; other errors as they are.
+
+    >>> where = "Can not create a new TCP listener bound to tcp/0.0.0.0:8080: [0.0.0.0:8080: "
+    >>> _not_listening(where + "Address already in use (os error 98)")
+    'cannot listen on tcp/0.0.0.0:8080: another program uses it: end that one, or choose another port'
+    >>> _not_listening(where + "Cannot assign requested address (os error 99)")
+    'cannot listen on tcp/0.0.0.0:8080: Cannot assign requested address'
+    """
+    found = re.search(r"Can not create a new \S{1,20} listener bound to (\S{1,200}): ", error)
+    why = re.search(r"([A-Z][a-z' ]{1,100}) \(os error (\d{1,9})\)", error)
+    if found is None or why is None:
+        return error
+    taken = int(why[2]) == errno.EADDRINUSE
+    reason = "another program uses it: end that one, or choose another port" if taken else why[1]
+    return f"cannot listen on {found[1]}: {reason}"

@@ -74,6 +74,7 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
     ("words", "told"),
     [
         (("--to", "2026-11-26T12:00:00"), "to must be a time such as"),
+        (("--to", "12:45"), "not '12:45'. Also -30 for 30 s before now, and now"),
         (("--to", "2026-11-26T11:00:00Z"), "must end after it begins"),
         (("--to", "2026-11-26T14:00:00Z"), "at most 3600 s"),
         (("--to", "2226-11-26T14:00:00Z"), "ten minutes after now"),
