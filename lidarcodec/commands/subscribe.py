@@ -20,6 +20,8 @@ from lidarcodec.frame import Frame
 from lidarcodec.transport.keys import PREFIX
 
 EVERY_S = 1.0
+SHOWN = 5
+"""Most streams that are named instead of the one that is not there."""
 ABSENT_S = 1.0
 """After this time without a publisher, the command says that it waits for one."""
 
@@ -72,10 +74,24 @@ def awaited(live: LiveStream, stream: str) -> Iterator[Frame]:
     if first is not None:
         yield first
     elif not live.alive and not live.ended:
+        there = named(live.others())
         sys.stderr.write(
-            f"lidarcodec: nobody publishes {stream} yet; waiting. Check the name, and --connect if it is elsewhere\n"
+            f"lidarcodec: nobody publishes {stream} yet; waiting.{there} Check the name, and --connect if it is "
+            "elsewhere\n"
         )
     yield from live
+
+
+def named(streams: list[str]) -> str:
+    """Which streams there are, as a sentence; an empty text for none.
+
+    >>> named(["car-7/roof"]), named([f"car-{n}/roof" for n in range(7)])
+    (' There is car-7/roof.', ' There are car-0/roof, car-1/roof, car-2/roof, car-3/roof, car-4/roof and 2 more.')
+    """
+    if not streams:
+        return ""
+    first, more = ", ".join(streams[:SHOWN]), len(streams) - SHOWN
+    return f" There {'is' if len(streams) == 1 else 'are'} {first}{f' and {more} more' if more > 0 else ''}."
 
 
 def line_of(summary: dict[str, Any]) -> str:

@@ -18,12 +18,12 @@ from lidarcodec_server.told import images_told
 
 
 class WarningAnswer(BaseModel):
-    """Why a target bitrate is not reached, and what to do."""
+    """What is wrong with a stream, such as why a target bitrate is not reached, and what to do."""
 
     code: str = Field(
         description="For programs. `target_out_of_reach`: expected from the settings. `target_missed`, "
         "`frames_left_out` and `columns_left_out` (pinned settings cost most columns): measured, the last one "
-        "also expected."
+        "also expected. `two_publishers`: two of them send under the name of this stream."
     )
     message: str
     remedy: str
@@ -57,7 +57,9 @@ class StreamAnswer(BaseModel):
         "stream does not say.",
     )
     warnings: list[WarningAnswer] = Field(
-        default=[], description="Why the target bitrate is not reached; empty while it is."
+        default=[],
+        description="Whether two publishers send under this name, and why the target bitrate is not reached; empty "
+        "without either.",
     )
 
     @classmethod
@@ -70,8 +72,17 @@ class StreamAnswer(BaseModel):
             settings=stream.settings,
             status=stream.status,
             mount=(stream.status or {}).get("mount"),
-            warnings=WarningAnswer.several(_missed(stream)),
+            warnings=_two_publishers(stream) + WarningAnswer.several(_missed(stream)),
         )
+
+
+def _two_publishers(stream: Stream) -> list[WarningAnswer]:
+    """The warning that two publishers have the same name: nobody could say whose settings and figures are shown."""
+    if not stream.of_two:
+        return []
+    message = f"two publishers send as {stream.keys.vehicle}/{stream.keys.sensor}, so points and figures are of both"
+    remedy = "end one of them, or give it another name with --vehicle or --sensor"
+    return [WarningAnswer(code="two_publishers", message=message, remedy=remedy)]
 
 
 def _missed(stream: Stream) -> ReachWarning | None:

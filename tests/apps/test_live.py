@@ -9,6 +9,7 @@ import time
 import pytest
 
 from lidarcodec.apps.publisher import desk
+from lidarcodec.apps.publisher.namesakes import Namesake
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
 from lidarcodec.assembly import packets_of
@@ -256,10 +257,36 @@ def test_a_subscriber_goes_on_with_a_publisher_that_was_started_again(network):
         assert stream.stats.counts["restarts"] == 1
 
 
-def test_two_publishers_of_one_name_are_told(network, caplog):
+def test_two_publishers_of_one_name_are_told(network, caplog, monkeypatch):
+    monkeypatch.setattr("lidarcodec.apps.publisher.publisher.STATUS_S", 0.05)
+
+    def said(what: str) -> int:
+        return sum(what in record.message for record in caplog.records)
+
     with publisher(network), publisher(network), live(network) as stream:
         assert eventually(lambda: stream.next(1) and stream.stats.counts["second_publisher"] > 1)
-    assert sum("two publishers" in record.message for record in caplog.records) == 1
+        assert eventually(lambda: said("another publisher sends as vehicle/lidar, too") == 2), "each in its terminal"
+    assert said("two publishers") == 1
+    assert said("another publisher") == 2
+
+
+def test_who_writes_a_name_wrong_is_told_those_that_there_are(network):
+    with publisher(network), LiveStream("vehicle/lidr", transport=network.transport()) as stream:
+        assert eventually(lambda: stream.others() == ["vehicle/lidar"])
+
+
+def test_a_publisher_that_follows_another_one_does_not_warn_of_it():
+    namesake = Namesake(KEYS, stream_id=1)
+    statuses = (
+        {"stream_id": "0" * 16, "ended": True},
+        {"stream_id": f"{1:016x}"},
+        {"stream_id": "a"},
+        {"stream_id": 5},
+    )
+    for status in (*statuses, {"stream_id": "b"}, {"stream_id": "a"}, *statuses[:2] * 3):
+        namesake.told(json.dumps(status).encode())
+    namesake.told(b"{")
+    assert not namesake.found
 
 
 def test_a_fault_in_a_decoder_costs_that_message_only(network, monkeypatch, caplog):

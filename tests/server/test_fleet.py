@@ -16,6 +16,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError
 from lidarcodec_server.fleet.desired import overlaid, wanted_with
 from lidarcodec_server.fleet.fleet import Fleet
+from lidarcodec_server.schemas import StreamAnswer
 from lidarcodec_server.told import MAX_STATUS_BYTES, known_settings, read_status
 from tests.server.conftest import STREAM, until
 
@@ -73,6 +74,16 @@ def test_another_start_of_a_publisher_is_noticed_without_its_token_going():
     fleet.changed(KEYS, alive=True)
     seen = [fleet.told(KEYS, json.dumps({"stream_id": start}).encode()) for start in ("a", "a", "b", "b", 5, "b")]
     assert seen == [False, False, True, False, True, False]
+
+
+@pytest.mark.parametrize(("starts", "told"), [("abab", ["two_publishers"]), ("aabbb", []), ("abcd", [])])
+def test_two_publishers_of_one_name_are_a_warning_and_one_that_was_started_again_is_none(starts, told):
+    """Else an operator changes one vehicle and looks at the figures of another."""
+    fleet = Fleet()
+    fleet.changed(KEYS, alive=True)
+    for start in starts:
+        fleet.told(KEYS, json.dumps({"stream_id": start}).encode())
+    assert [one.code for one in StreamAnswer.of(fleet.get(KEYS)).warnings] == told
 
 
 def test_a_status_that_left_before_a_change_does_not_undo_it():

@@ -13,6 +13,7 @@ from lidarcodec.apps.control import Applied, asker
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.arrivals import listen_for_arrivals
 from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.namesakes import Namesake
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.settings import SettingChanges, StreamSettings
 from lidarcodec.transport import Transport
@@ -52,6 +53,9 @@ class Controlled(Protocol):
     @property
     def next_index(self) -> int: ...
 
+    @property
+    def stream_id(self) -> int: ...
+
 
 class Desk:
     """Forwards data from the network. Called in threads of the transport, so it must be fast."""
@@ -67,6 +71,7 @@ class Desk:
         self._status_s = float("-inf")
         self._publisher, self._keys = publisher, keys
         self._flight, self._board, self._clock = flight, board, clock
+        self._namesake = Namesake(keys, publisher.stream_id)
         self._own: StreamSettings | None = None
         self._untold, self._by = False, ""
         self._told_s = float("-inf")
@@ -77,6 +82,7 @@ class Desk:
         return [
             *listen_for_arrivals(transport, keys, self._flight, self._publisher.request_key),
             transport.listen(keys.report(), self._reported),
+            transport.listen(keys.status, lambda _, data: self._namesake.told(data)),
             transport.answer(keys.control_get, answered(self._get)),
             transport.answer(keys.control_set, answered(self._set)),
             transport.answer(keys.control_reset, answered(self._reset)),

@@ -32,6 +32,7 @@ from lidarcodec.settings import valid_name
 from lidarcodec.transport import Endpoints, Transport, certificates_of, party_of
 from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.transport.published import published
 
 TICK_S = 0.2
 LAST_PACKETS_S = 5.0
@@ -263,6 +264,14 @@ class LiveStream:
     def alive(self) -> bool:
         """Whether a publisher is online."""
         return self._receiver.alive
+
+    def others(self) -> list[str]:
+        """Streams that have a publisher where this one was looked for, as `VEHICLE/SENSOR`. It takes 0.3 s.
+
+        Raises TransportError.
+        """
+        transport = self._receiver.transport
+        return [] if transport is None else published(transport)
 
     @property
     def ended(self) -> bool:

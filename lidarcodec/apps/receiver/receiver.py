@@ -66,7 +66,7 @@ class Receiver:
     on_end:     called when no more messages will come
     until_end:  end when the publisher has left
     isolate:    which decoders run in a process of their own, as in `LiveStream`;  clock: the clocks of this machine
-    failure:    the error that ended it, or None
+    failure:    the error that ended it, or None;  transport: its session, or None before that is open
     refine:     whether to take refinements. A frame is then given when it is refined whole, or the next message comes
     decoding:   whether to decode messages; may change at any time. If not, messages are only counted, reported as
                 arrived and passed to on_message, and only `request_key` asks for key frames
@@ -101,7 +101,7 @@ class Receiver:
         self.alive = False
         self.failure: Exception | None = None
         self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
-        self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
+        self._endpoints, self.transport, self._own_transport = endpoints, transport, transport is None
         self._declared: list[Closeable] = []
         self._slot: Mailbox[Message] = Mailbox(goes_on=lambda message: message.goes_on)
         self._once = Once(logger)
@@ -145,7 +145,7 @@ class Receiver:
 
     def gate(self) -> dict[str, Any] | None:
         """Counts of the gate in front of the TLS port; None without one."""
-        return None if self._transport is None else self._transport.gate()
+        return None if self.transport is None else self.transport.gate()
 
     @property
     def worker_restarts(self) -> int:
@@ -173,14 +173,14 @@ class Receiver:
             one.close()
         if self.refinements is not None:
             self.refinements.close()
-        if self._own_transport and self._transport is not None:
-            self._transport.close()
+        if self._own_transport and self.transport is not None:
+            self.transport.close()
         self._isolation.close()
         for thread in self._threads:
             if thread.is_alive() and thread is not threading.current_thread():
                 thread.join(JOIN_S)
-        if self._own_transport and self._transport is not None:  # it may have been opened since the first check
-            self._transport.close()
+        if self._own_transport and self.transport is not None:  # it may have been opened since the first check
+            self.transport.close()
 
     @contextmanager
     def _failing_aloud(self) -> Iterator[None]:
@@ -207,9 +207,9 @@ class Receiver:
     def _receive(self) -> None:
         try:
             with self._failing_aloud():
-                if self._transport is None:
-                    self._transport = open_transport(self._endpoints, stop=self._stop)
-                inbox, arrivals = self._declare(self._transport)
+                if self.transport is None:
+                    self.transport = open_transport(self._endpoints, stop=self._stop)
+                inbox, arrivals = self._declare(self.transport)
                 self._opened.set()
                 self._take_messages(inbox, arrivals)
         finally:
@@ -340,7 +340,7 @@ class Receiver:
     def _control(self) -> None:
         while not self._opened.wait(TICK_S):
             pass
-        transport = self._transport
+        transport = self.transport
         if transport is None or self.failure is not None:
             return
         with self._failing_aloud():

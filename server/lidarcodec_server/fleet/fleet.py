@@ -31,6 +31,10 @@ LARGEST = 1e15
 ANSWER_HOLDS_S = 3.0
 """For so long the answer to a change wins over a status: a status sent before the change may arrive after the
 answer."""
+BOTH_HOLDS_S = 10.0
+"""After so long without a status of the other one, there is one publisher again."""
+PUBLISHERS = 8
+"""Number of earlier publishers of a stream that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Stream:
     came_s, status_s, answer_s: monotonic times at which the stream was accepted, of its last status, and of the last
                                 answer to a change
     kbps: sent bitrate in kbit/s from the statuses of the last minute, one a second, oldest first
+    before: ids of publishers before the present one, newest last;  both_s: monotonic time at which one of them last
+            came back, which it does only where two publishers have the same name
     """
 
     keys: StreamKeys
@@ -51,12 +57,26 @@ class Stream:
     status_s: float = float("-inf")
     answer_s: float = float("-inf")
     kbps: tuple[float | None, ...] = ()
+    before: tuple[str, ...] = ()
+    both_s: float = float("-inf")
 
     @property
     def stream_id(self) -> str | None:
         """Id of the stream; it is new at each start of the publisher."""
         given = None if self.status is None else self.status.get("stream_id")
         return given if isinstance(given, str) else None
+
+    @property
+    def of_two(self) -> bool:
+        """Whether two publishers send under this name."""
+        return self.alive and time.monotonic() - self.both_s < BOTH_HOLDS_S
+
+    def with_publisher(self, before: str | None, now_s: float) -> Stream:
+        """After a new status. before: the stream id of the status before it"""
+        if before is None or before == self.stream_id:
+            return self
+        both_s = now_s if self.stream_id in self.before else self.both_s
+        return replace(self, before=(*self.before, before)[-PUBLISHERS:], both_s=both_s)
 
     @property
     def codec(self) -> str | None:
@@ -155,6 +175,7 @@ class Fleet:
                 settings = stream.settings
             kbps = (*stream.kbps, number_in(status, "kbps"))[-MINUTE:]
             new = replace(stream, status=status, settings=settings, status_s=now, kbps=kbps)
+            new = new.with_publisher(stream.stream_id, now)
             self._streams[keys] = new
             return waited or (stream.stream_id is not None and new.stream_id != stream.stream_id)
 

@@ -35,6 +35,7 @@ describe("a target that is not kept", () => {
     expect(headOf(warning("target_missed", ["max_error_m"]))).toBe("Target missed: Max error (m) is in the way");
     const many = warning("frames_left_out", ["max_error_m", "intensity", "codec_settings.quality"]);
     expect(headOf(many)).toBe("Frames are left out: Max error (m), Intensity and Quality are in the way");
+    expect(headOf(warning("two_publishers"))).toBe("Two publishers have one name");
     expect(headOf(warning("of a newer server"))).toBe("Target not kept");
     expect(sentence("set it back")).toBe("Set it back.");
   });

@@ -1,16 +1,19 @@
-/** A missed target bitrate: the notice over the picture, and the change that frees the settings that prevent it. */
+/** What is wrong with a stream, such as a missed target bitrate: the notice over the picture, and the change that frees
+ * the settings that prevent the target. */
 import { label } from "./format";
 import type { Schema, Settings, TargetWarning, Value } from "./wire";
 
 const STEADY_MS = 3000;
 /** Problems that follow from the settings alone, so that they are shown at once. */
 const EXPECTED = "target_out_of_reach";
+export const TWO = "two_publishers";
 
 const HEADS: Record<string, string> = {
   target_missed: "Target missed",
   frames_left_out: "Frames are left out",
   columns_left_out: "Most columns are left out",
   target_out_of_reach: "Target out of reach",
+  [TWO]: "Two publishers have one name",
 };
 
 /** Decides what to show of the server's warnings, which come every second. Short problems are not shown, and short

@@ -1,11 +1,12 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Problem } from "../model/api";
-import { freed, headOf, sentence } from "../model/missed";
+import { freed, headOf, sentence, TWO } from "../model/missed";
 import { call, chosen, mayChange, missed, nameOf, pathOf, refreshStream, schema, stream } from "../state";
 import { Button } from "./button";
 
-/** A red notice over the picture while the target bitrate is missed: why, and what to do. */
+/** A red notice over the picture while the target bitrate is missed, or two publishers have one name: why, and what to
+ * do. */
 export function Missed() {
   const told = missed.value;
   const trouble = useSignal<string | null>(null);
@@ -30,7 +31,7 @@ export function Missed() {
   }
 
   return (
-    <section class="target-missed" aria-label="Target bitrate">
+    <section class="target-missed" aria-label={told.code === TWO ? "Two publishers" : "Target bitrate"}>
       <div>
         <b role="alert">{headOf(told)}</b>
         <p>{sentence(told.message)}</p>
