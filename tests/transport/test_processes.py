@@ -161,8 +161,17 @@ def test_a_configuration_file_that_is_none_is_refused(tmp_path, text):
 
 
 def test_an_address_that_is_not_ours_is_refused():
-    with pytest.raises(TransportError, match="cannot open a Zenoh session"):
+    with pytest.raises(TransportError, match=r"^cannot listen on tcp/192\.0\.2\.1:7447: "):
         open_transport(Endpoints.of(listen="tcp/192.0.2.1:7447"))
+
+
+def test_a_port_that_another_program_has_is_refused_in_plain_words():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        place = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(TransportError, match=f"^cannot listen on {place}: another program uses it: end that one"):
+            open_transport(Endpoints.of(listen=place))
 
 
 def test_two_programs_can_share_a_port_only_if_both_are_ours(caplog, monkeypatch):
