@@ -95,19 +95,21 @@ def choice(
     kept: the codec in force, if this is not the first choice
     """
     times = {name: round(took, 1) for name, took in encode_ms.items()}
-    slower: list[str] = []
-    for name in ranked(settings):
-        if name not in encode_ms:
-            continue
-        if within(name, encode_ms[name], budget_ms, kept):
-            most = "gives the best picture" if settings.target_kbps is not None else "takes the fewest bits"
-            of = f" of those that encode a frame within {budget_ms:.0f} ms here"
-            other = f"; too slow: {', '.join(slower)}" * bool(slower)
-            return Choice(name, f"{most}{of} ({times[name]:g} ms){other}", times, budget_ms)
-        slower.append(f"{name} ({times[name]:g} ms)")
+    tried = [name for name in ranked(settings) if name in encode_ms]
+    told = [f"{name} ({times[name]:g} ms)" for name in tried]
+    for margin in (kept, None):  # where even the one in force is too slow, another one needs no margin
+        for place, name in enumerate(tried):
+            if within(name, encode_ms[name], budget_ms, margin):
+                most = "gives the best picture" if settings.target_kbps is not None else "takes the fewest bits"
+                of = f" of those that encode a frame within {budget_ms:.0f} ms here"
+                slow = [told[at] for at in range(place) if encode_ms[tried[at]] > budget_ms]
+                near = [told[at] for at in range(place) if encode_ms[tried[at]] <= budget_ms]
+                other = f"; too slow: {', '.join(slow)}" * bool(slow)
+                other += f"; too close to that to change to: {', '.join(near)}" * bool(near)
+                return Choice(name, f"{most}{of} ({times[name]:g} ms){other}", times, budget_ms)
     quickest = min(encode_ms, key=lambda name: encode_ms[name] * (BETTER if name == kept else 1.0))
     because = (
-        f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(slower)}; "
+        f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(told)}; "
         "they are tried again later"
     )
     return Choice(quickest, because, times, budget_ms)

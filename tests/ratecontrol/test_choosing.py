@@ -121,3 +121,15 @@ def test_a_preset_is_settings_that_a_stream_can_follow(name):
 def test_an_unknown_link_is_refused_with_those_that_there_are():
     with pytest.raises(SettingsError, match="--link must be one of 1mbit, 2mbit, 5mbit, lan, not '3mbit'"):
         preset("3mbit")
+
+
+def test_what_is_said_of_a_second_choice_is_so():
+    """The page said that no codec took less than 31 ms, beside one of 27 ms."""
+    settings = StreamSettings(codec="auto", target_kbps=800)
+    times = {"riddle": 250.0, "pcodec": 27.0, "zstd": 240.0}
+    found = choice(settings, times, 31.0, kept="zstd")
+    assert found.codec == "pcodec"
+    assert found.because.endswith("within 31 ms here (27 ms); too slow: riddle (250 ms)")
+    stays = choice(settings, {"riddle": 28.0, "pcodec": 20.0}, 31.0, kept="pcodec")
+    assert stays.codec == "pcodec"
+    assert stays.because.endswith("(20 ms); too close to that to change to: riddle (28 ms)")
