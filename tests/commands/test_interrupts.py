@@ -115,6 +115,7 @@ def check(result: subprocess.CompletedProcess[str], folder: Path, out: Path, who
     return bool(parts)
 
 
+@pytest.mark.timeout(600)  # twenty runs on a busy machine
 @pytest.mark.parametrize("moments", MOMENTS)
 @pytest.mark.parametrize("command", sampled(["encode", "convert", "decode"], ["encode"]))
 def test_at_any_moment_an_output_is_whole_or_a_part_that_can_be_completed(
@@ -135,6 +136,7 @@ def test_at_any_moment_an_output_is_whole_or_a_part_that_can_be_completed(
         check(result, folder, out, whole, 130)
 
 
+@pytest.mark.timeout(600)  # twenty runs on a busy machine
 @pytest.mark.parametrize("moments", MOMENTS)
 def test_at_any_moment_verify_says_that_it_compared_all_or_that_it_did_not(drive: Path, moments: int) -> None:
     words: list[object] = ["verify", drive / "drive.mcap", drive / "drive.pcap", "--json"]
