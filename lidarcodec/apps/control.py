@@ -23,19 +23,19 @@ class Applied(NamedTuple):
 
 MAX_BY: Final = 64
 BY: Final = "by"
-"""Field of a query that says who asks; it is no setting."""
+"""Field of a query that names who asks. It is not a setting."""
 
 
 def asked_by(who: str) -> dict[str, str]:
-    """The field of a query that says who asks. Raises nothing: what would be refused is left out."""
+    """The field of a query that names who asks, cut to what a vehicle takes."""
     text = "".join(one for one in who if one.isprintable())[:MAX_BY]
     return {BY: text} if text else {}
 
 
 def asker(query: dict[str, Any]) -> str | None:
-    """Who asks for a change, as the query itself says, and takes that out of it; None if it does not say.
+    """Take the name of who asks out of a query. None if it has none.
 
-    Raises SettingsError if it is no short line of text.
+    Raises SettingsError if the name is not printable text of at most MAX_BY characters.
     """
     by = query.pop(BY, None)
     if by is not None and not (isinstance(by, str) and len(by) <= MAX_BY and by.isprintable()):

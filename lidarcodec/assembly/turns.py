@@ -1,7 +1,7 @@
 """Turns that came in parts (`framing=parts:N`), put together again.
 
 A turn is given when its last part is there. Where a part is missing, what came before it is given as soon as the next
-turn begins. A part that fits no turn, whoever sent it, begins one of its own.
+turn begins. A part that does not fit the turn begins a new one.
 """
 
 from __future__ import annotations

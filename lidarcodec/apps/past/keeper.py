@@ -124,12 +124,11 @@ class Keeper:
         with self._condition:
             if self._closed:
                 return
-            if len(self._queue) >= WAITING:
+            full = len(self._queue) >= WAITING
+            if full:
                 self._queue.popleft()
                 self.once.counts["dropped"] += 1
-                first = self.once.counts["dropped"] == 1
-            else:
-                first = False
+            first = full and self.once.counts["dropped"] == 1
             self._queue.append(frame)
             self._condition.notify()
         if first:

@@ -43,7 +43,7 @@ OTHERS = "somebody else"
 SERVER = "server"
 """Name in the audit log when this server sent the operators' settings to a vehicle that came back."""
 KEEPS = "the server (it keeps what operators set)"
-"""Who asks then; the vehicle says it in its terminal."""
+"""Name in the vehicle's terminal when this server sends those settings."""
 GET_S = 1.0
 AGAIN_S = 2.0
 RARELY_S = 60.0
