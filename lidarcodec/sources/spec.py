@@ -89,7 +89,7 @@ class Spec:
     def host_and_port(self) -> tuple[str, int | None]:
         """Host, without brackets, and port of the place `HOST:PORT`, `:PORT`, `PORT` or `HOST`; no port: None.
 
-        Raises SourceError if the port is none.
+        Raises SourceError if the port is not a number up to 65535.
         """
         host, _, port = self.place.rpartition(":") if not self.place.endswith("]") else (self.place, "", "")
         if not host and not port.isdigit():

@@ -2,7 +2,7 @@
 
 It knows what configurations and calibrations need: mappings, lists, text, numbers. Anchors, tags and deep nesting turn
 a few bytes into much, or into anything; numbers in base 60 or with half a million digits hold a program for minutes.
-Of a field that is there twice, nobody knows which one was meant.
+A field that is there twice is refused, because it is unknown which one was meant.
 
 >>> read_yaml(b"sensors: [{name: roof, rate: 10}]")
 {'sensors': [{'name': 'roof', 'rate': 10}]}

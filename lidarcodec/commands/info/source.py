@@ -156,7 +156,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
 
 
 def _short_turns(found: ShortTurns) -> dict[str, Any]:
-    """Turns that lack columns, and what the sensor is set not to send; neither if there is none."""
+    """Turns that lack columns, and what the sensor is set not to send. Empty where all columns are there."""
     rows = found.rows()
     told = [
         {
