@@ -19,6 +19,9 @@ EDITABLE := --no-deps --no-build-isolation -C wheel.cmake=false -C wheel.py-api=
 TORCH := torch==2.13.0
 NATIVE := build/native/.built
 WEB := $(STAMPS)/web
+CLIENTS := $(STAMPS)/clients
+CLIENT_SOURCES := $(shell find clients/web clients/typescript server/lidarcodec_server/web tests/vectors \
+  \( -name node_modules -o -name dist \) -prune -o -type f -print)
 # By the lock file, with the hashes in it.
 NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings native/c native/include -type f)
@@ -48,7 +51,7 @@ demo: ## drive through a simulated town, live on a page in the browser (ARGS="--
 	@$(MAKE) -s -j2 $(STAMPS)/server $(NATIVE)
 	@$(BIN)/lidarcodec demo $(ARGS)
 
-test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
+test: lint $(CLIENTS) ## everything that must hold: lint, types, imports and all tests
 	@$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS) || { code=$$?; test $$code -eq 1 || exit $$code; \
 		echo "What failed beside other tests runs once more, alone:"; \
 		$(BIN)/python -m pytest --last-failed --last-failed-no-failures none $(ARGS); }
@@ -167,6 +170,13 @@ $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package
 	  (cd clients/web && $(NPM_CI)) || echo "npm could not: tests of the sources of clients/web are skipped"; \
 	  (cd clients/typescript && $(NPM_CI)) || echo "npm could not: tests of clients/typescript are skipped"; \
 	  (cd clients/foxglove && $(NPM_CI)) || echo "npm could not: tests of clients/foxglove are skipped"; fi
+	@touch $@
+
+# Checks of the page and of the decoder in TypeScript: they read files of their own only, so they run when one of these has changed.
+$(CLIENTS): $(WEB) $(CLIENT_SOURCES)
+	@if [ -d clients/web/node_modules ]; then cd clients/web && npm run --silent lint && npm run --silent types \
+	  && npm run --silent test -- --pool=threads --no-isolate && npm run --silent stale; fi
+	@if [ -d clients/typescript/node_modules ]; then cd clients/typescript && npm run --silent test; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)

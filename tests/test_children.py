@@ -87,7 +87,7 @@ def ran(words, folder):
     "words",
     [
         pytest.param(["demo", "--no-browser", "--seconds", "2"], marks=pytest.mark.sweep),
-        ["swarm", "2", "sim:city", "--frames", "1", "--processes", "2", "--seconds", "1"],
+        ["swarm", "2", "sim:road", "--frames", "1", "--processes", "2", "--seconds", "1"],
     ],
     ids=lambda words: words[0],
 )

@@ -249,6 +249,7 @@ def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):
     assert other.returncode == 1
 
 
+@pytest.mark.sweep
 def test_verify_judges_each_frame_by_its_own_message_where_a_target_bitrate_turns_the_bound(tmp_path):
     recording = tmp_path / "drive.mcap"
     source = "sim:city?frames=3"
@@ -323,6 +324,7 @@ def test_what_is_read_is_never_written_over(tmp_path):
     assert path.read_bytes() == before
 
 
+@pytest.mark.sweep
 def test_a_name_that_is_no_unicode_is_a_name_like_any_other(tmp_path):
     path = tmp_path / "drive\udcff.pcap"
     assert run_here("simulate", "sim:city", tmp_path / "drive.pcap", "--frames", "1").returncode == 0
@@ -352,6 +354,7 @@ def test_a_recording_cut_in_its_first_message_is_warned_of_once(tmp_path):
     assert "cut.mcap" in the_one_line(result)
 
 
+@pytest.mark.sweep
 def test_a_closed_standard_output_is_no_traceback():
     command = f"{' '.join(COMMAND)} info sim:city?frames=1 >&-"
     result = subprocess.run(["sh", "-c", command], capture_output=True, text=True, env=environment(), check=False)
@@ -408,6 +411,7 @@ def test_output_that_cannot_be_printed_is_an_error_of_its_own(tmp_path, words, w
         assert run("info", tmp_path / "out.mcap").returncode == 0
 
 
+@pytest.mark.sweep
 def test_a_name_that_cannot_be_printed_is_no_failure(tmp_path: Path) -> None:
     """The recording was whole, and a script took it for failed."""
     out = os.fsencode(tmp_path) + b"/\xff.mcap"

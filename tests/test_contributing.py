@@ -134,6 +134,7 @@ def test_tables_of_the_documents_and_who_imports_whom_hold_with_the_additions(co
     assert " passed" in passed_by(copy, command)
 
 
+@pytest.mark.sweep
 def test_the_form_of_the_page_shows_codec_and_settings(copy: Path) -> None:
     """It is made of these two answers alone (clients/web/src/model/schema.ts)."""
     offered, common = json.loads(run(copy, FORM))

@@ -72,6 +72,7 @@ def test_other_codecs_and_outputs_name_their_extra_and_auto_does_without(capture
     assert [path.name for path in tmp_path.iterdir()] == ["auto.mcap"]
 
 
+@pytest.mark.sweep
 def test_a_recording_of_a_codec_that_is_not_there_names_its_extra(capture, tmp_path):
     recording = tmp_path / "drive.mcap"
     assert run_here("encode", capture, recording, "--codec", "h264").returncode == 0
@@ -85,12 +86,14 @@ def test_a_recording_of_a_codec_that_is_not_there_names_its_extra(capture, tmp_p
     assert list(tmp_path.iterdir()) == [recording]
 
 
+@pytest.mark.sweep
 def test_info_lists_the_extras():
     ((code, stdout, _),) = bare(("info", "--json"))
     assert code == 0
     assert {"images", "video", "las", "server", "all"} <= json.loads(stdout)["extras"].keys()
 
 
+@pytest.mark.sweep
 def test_a_live_stream_of_a_codec_that_is_not_there_is_counted_and_says_why():
     program = (
         "import sys\n"
@@ -123,6 +126,7 @@ def test_a_live_stream_of_a_codec_that_is_not_there_is_counted_and_says_why():
     assert lines[4].startswith("H264Settings False")
 
 
+@pytest.mark.sweep
 def test_a_core_codec_imports_no_package_of_an_extra(capture, tmp_path):
     words = ("encode", capture, tmp_path / "drive.mcap", "--codec", "auto", "--set", "target_kbps=2000")
     command = [sys.executable, "-X", "importtime", "-m", "lidarcodec", *map(str, words)]

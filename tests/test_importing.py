@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from tests.conftest import ROOT
 
 SCRIPT = """
@@ -20,6 +22,7 @@ assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0), "an alarm is set"
 """
 
 
+@pytest.mark.sweep
 def test_no_module_changes_signals_or_sets_an_alarm_when_it_is_imported():
     """A program that ignored SIGTERM would hand that on to every process it starts, and none of them could be ended."""
     done = subprocess.run(

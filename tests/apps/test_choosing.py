@@ -40,6 +40,7 @@ def chosen_with(interval_s, frame):
     return chooser, told[0][1]
 
 
+@pytest.mark.sweep
 def test_the_best_codec_is_taken_where_there_is_time_and_the_quickest_where_there_is_none():
     frame = frame_of_a_drive()
     chooser, codec = chosen_with(PLENTY_S, frame)

@@ -64,6 +64,7 @@ def test_a_stream_outlives_its_encoders_process(stream, fault):
     assert live.stats.counts["restarts"] == 0
 
 
+@pytest.mark.sweep
 def test_a_stream_outlives_its_decoders_process(stream):
     car, live = stream
     keys = car.status()["key_frames"]
@@ -74,6 +75,7 @@ def test_a_stream_outlives_its_decoders_process(stream):
     assert live.summary()["errors"]["worker killed by SIGSEGV"] == 1
 
 
+@pytest.mark.sweep
 def test_a_codec_that_needs_a_process_gets_it_before_the_change():
     """The stream does not stand still meanwhile, and the receiver, which nobody tells the codec, has one ready too."""
     network = MemoryNetwork()
@@ -121,6 +123,7 @@ def test_without_a_process_settings_are_refused_and_a_stream_that_needs_one_stil
     there.close()
 
 
+@pytest.mark.sweep
 def test_a_source_that_ends_is_flushed_through_the_process():
     network = MemoryNetwork()
     here, there = network.transport(), network.transport()

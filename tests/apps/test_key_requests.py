@@ -54,6 +54,7 @@ def ends():
             watching.receiver.close()
 
 
+@pytest.mark.sweep
 def test_one_that_was_asked_for_comes_though_frames_decode_meanwhile(ends):
     _, watching = ends
     for _ in range(3):
@@ -62,6 +63,7 @@ def test_one_that_was_asked_for_comes_though_frames_decode_meanwhile(ends):
         assert eventually(lambda before=before: len(watching.keys) > before)
 
 
+@pytest.mark.sweep
 def test_whoever_asks_just_after_one_has_come_gets_another(ends):
     """That one is still to be decoded, but whoever asks has not seen it."""
     publisher, watching = ends

@@ -58,6 +58,7 @@ def test_a_late_subscriber_begins_with_a_key_frame_at_once(network):
         assert car.status()["key_frames"] >= 2
 
 
+@pytest.mark.sweep
 def test_requests_for_key_frames_are_merged(network):
     with publisher(network, rate=60.0, settings=StreamSettings(key_interval=10_000)) as car, live(network) as stream:
         assert stream.next(60)

@@ -26,6 +26,7 @@ def test_packets_come_back_and_a_second_run_does_nothing(inputs, filled, tmp_pat
     assert not [path for path in filled.rglob(".*") if path.is_file()]
 
 
+@pytest.mark.sweep
 def test_equal_runs_give_equal_objects(inputs, filled, tmp_path):
     again = tmp_path / "again"
     archive("run", inputs, again, *SHORT)
@@ -149,6 +150,7 @@ def test_recompress_replaces_in_one_step_and_deletes_only_when_told(inputs, fill
         archive("run", inputs, filled, *SHORT)
 
 
+@pytest.mark.sweep
 def test_a_segment_that_was_replaced_twice_is_visible_once(filled):
     """What an earlier run replaced and left is only deleted: encoded again, every frame would be there twice."""
     words = ("run", filled, filled, "--job", "recompress", "--workers", "here")
@@ -190,6 +192,7 @@ def test_broken_and_unknown_inputs_are_set_aside_and_stop_nothing(inputs, tmp_pa
     assert json.loads(done.stdout)["repaired"]["aside"] == 4
 
 
+@pytest.mark.sweep
 def test_what_was_not_compared_is_compared_later_and_what_was_made_again_is_verified_again(inputs, filled):
     def verified(source, *words) -> tuple[int, ...]:
         done = archive("run", source, filled, "--job", "verify", "--workers", "here", "--json", *words)
@@ -224,6 +227,7 @@ def test_joined_tables_say_the_same(filled, monkeypatch, caplog):
     assert json.loads(done.stdout)["removed"] == 1
 
 
+@pytest.mark.sweep
 def test_a_table_that_was_replaced_between_two_listings_is_not_missed(filled, monkeypatch, caplog):
     whole, asked = contents.tables_of, []
 
@@ -261,6 +265,7 @@ def test_differences_and_numbers_are_written_as_a_person_would(inputs, filled):
     assert done.stdout.strip() == "1 input, 1 finished before"
 
 
+@pytest.mark.sweep
 def test_an_input_that_was_replaced_under_its_name_is_archived_and_not_compared(inputs, filled, caplog):
     path = inputs / "car-7/roof/drive.pcap"
     path.write_bytes(path.read_bytes())  # another time of change

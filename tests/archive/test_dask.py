@@ -48,6 +48,7 @@ def ended(engine):
     return found[0]
 
 
+@pytest.mark.sweep
 def test_as_many_tasks_are_handed_out_as_can_run_and_a_worker_without_the_package_says_so(engine, monkeypatch):
     assert engine.slots == 2
     engine.submit(TASK)

@@ -57,6 +57,7 @@ def test_each_frame_comes_once_over_all_ranks_and_workers(made):
     assert found == expected
 
 
+@pytest.mark.sweep
 def test_an_order_follows_from_seed_and_epoch(made):
     def order(epoch: int, seed: int = 0) -> list:
         dataset = lidarcodec.open_archive(made).dataset(transform=stamp, seed=seed, buffer=4)
@@ -167,6 +168,7 @@ def test_wrong_wishes_are_told(made, monkeypatch):
         archive.dataset()
 
 
+@pytest.mark.sweep
 def test_the_python_of_the_guide_runs(made):
     text = (Path(__file__).parents[2] / "docs/guides/archive.md").read_text()
     names: dict = {}

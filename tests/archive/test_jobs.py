@@ -101,6 +101,7 @@ def test_converted_points_tell_the_second_returns_that_they_lack(data_file, tmp_
     assert told["second_returns_left_out"] == lacking > 100
 
 
+@pytest.mark.sweep
 def test_reduce_keeps_the_settings_of_each_segment(filled):
     words = (
         "run",
@@ -124,6 +125,7 @@ def test_reduce_keeps_the_settings_of_each_segment(filled):
     assert json.loads(archive(*words, "--json").stdout)["unchanged"] == 2
 
 
+@pytest.mark.sweep
 def test_the_same_reduction_with_another_bound_removes_nothing_more(filled):
     points, words = "select sum(points) from frames", ("run", filled, filled, "--job", "recompress", *HERE, "--json")
     reduced = ("--set", "reduction=random", "--set", "keep_fraction=0.5")
@@ -144,6 +146,7 @@ def test_stats_say_what_is_there(filled):
     assert "2 segments, 13 frames" in archive("run", filled, filled, "--job", "stats").stdout
 
 
+@pytest.mark.sweep
 def test_errors_of_several_codings_add_up(filled):
     exact = [frame.range.astype(int) for frame in open_archive(filled).frames()]
     for bound in ("0.02", "0.05"):

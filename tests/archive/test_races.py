@@ -89,6 +89,7 @@ def test_a_ring_of_damaged_commits_ends(tmp_path):
     assert list(SegmentPlan("recompress", store, store, lambda _: {}, clears=True).tasks()) == []
 
 
+@pytest.mark.sweep
 def test_tables_are_joined_as_they_grow_and_each_row_is_read_once(tmp_path, monkeypatch):
     """Whatever is joined, and when: a segment's rows are in one of the tables that a query reads."""
     monkeypatch.setattr(index_module, "FAN_IN", 3)

@@ -190,6 +190,7 @@ def test_the_bridge_refuses_viewers_beyond_its_limit(network):
         first.close()
 
 
+@pytest.mark.sweep
 def test_the_command_ends_although_a_viewer_does_not_read():
     foxglove = pytest.importorskip("tests.bridges.test_foxglove", reason="serves Foxglove (extra `bridges`)")
     from lidarcodec.transport import Endpoints

@@ -295,6 +295,7 @@ def test_a_program_prints_points_and_attributes_of_another_sensor(programs: Path
             assert f"{name} {cloud[0][name]}" in line
 
 
+@pytest.mark.sweep
 def test_damaged_messages_of_other_sensors_end_as_in_the_package(session: CSession) -> None:
     """As above, of vectors: planes of all kinds, tables, lattices, odd packets, metadata."""
     rng = random.Random(30)

@@ -81,6 +81,7 @@ def test_what_stands_raises_an_alert_and_clears_it_when_it_has_gone(slope):
     assert cleared.since_ns == raised.since_ns
 
 
+@pytest.mark.sweep
 def test_what_passes_raises_none():
     """Five metres a second: nine tenths over any place."""
     steps = [road((-5.0 + 0.5 * number, 2.0), seed=number) for number in range(35)]
@@ -105,6 +106,7 @@ def test_what_flickers_neither_raises_nor_clears_each_time():
     assert [event.raised for _, event in events(standing + flicker)] == [True]
 
 
+@pytest.mark.sweep
 def test_what_stands_beside_the_zone_or_high_above_it_is_none():
     assert events([road((3.0, 7.0), seed=seed) for seed in range(20)]) == []
     bridge = np.column_stack([np.random.default_rng(1).uniform((0, 0), (10, 6), (500, 2)), np.full(500, 5.0)])
@@ -120,6 +122,7 @@ def test_the_ground_is_found_under_walls_and_not_where_nothing_is_seen():
     assert zones.ground_plane(np.zeros((10, 3))) is None
 
 
+@pytest.mark.sweep
 def test_what_went_is_cleared_also_where_it_takes_longer_than_to_raise():
     """As with --stand 0.5: an alert that stays for ever is soon believed by nobody."""
     steps = [road((3.0, 2.0), seed=seed) for seed in range(8)] + [road(None, seed=50 + seed) for seed in range(20)]

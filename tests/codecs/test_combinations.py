@@ -17,7 +17,13 @@ from tests.fuzz.round_trips import outcome
 from tests.sweeps import sampled
 
 CASES = covering_cases()
-FEW = [case for case in CASES if (list(CODECS).index(case.codec) + list(SHAPES).index(case.shape)) % 3 == 0]
+DEAR = {("riddle", "24576 columns"), ("jpeg-layered", "24576 columns")}
+FEW = [
+    case
+    for case in CASES
+    if (list(CODECS).index(case.codec) + list(SHAPES).index(case.shape)) % 3 == 0
+    and (case.codec, case.shape) not in DEAR
+]
 """With each codec and each shape."""
 LARGE = 600
 """Packets from which on one frame has to do: the sweep takes two."""

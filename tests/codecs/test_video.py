@@ -95,6 +95,7 @@ def test_a_new_quality_begins_anew_without_a_key_message() -> None:
     assert kinds == [(True, None), (False, 0), (False, None), (False, 2)]
 
 
+@pytest.mark.sweep
 def test_frames_of_every_width_follow_one_another() -> None:
     """`revolution` framing changes the width with each frame; a slab can be a single packet; nothing is refused."""
     sent = [frames.scene(packets, seed=4) for packets in (348, 361, 29, 1, 348, 700)]

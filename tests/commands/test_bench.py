@@ -71,6 +71,7 @@ def test_peers_stand_beside_codecs_in_one_array(capsys):
     assert found[0].keys() == found[1].keys()
 
 
+@pytest.mark.sweep
 def test_a_peer_that_is_not_installed_is_left_out_by_name_and_refused_when_it_was_asked_for(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     monkeypatch.delitem(sys.modules, "lidarcodec.evaluation.peers.draco", raising=False)
@@ -90,6 +91,7 @@ def test_settings_without_a_codec_to_take_them_are_refused(capsys):
         bench(capsys, "zstd", metrics="most")
 
 
+@pytest.mark.sweep
 def test_all_metrics_are_there_when_asked_for_and_only_then(capsys):
     more = {"range_errors", "intensity_rmse", "intensity_psnr_db", "chamfer_m", "point_to_plane_psnr_db", "d1_psnr_db",
             "d2_psnr_db", "filled"}  # fmt: skip
@@ -111,6 +113,7 @@ def test_the_table_to_read_shows_peers_and_more_metrics(capsys):
     assert "filled mm" in shown
 
 
+@pytest.mark.sweep
 def test_what_a_receiver_fills_in_and_how_far_intensity_is_off_is_told(capsys):
     pairs = ["reduction=lattice:4", "max_error_m=0.02", "intensity=lossless,levels=8,off"]
     exact, shades, none = bench(capsys, "zstd", pairs, metrics="all")[0]
@@ -142,6 +145,7 @@ def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp
         bench(capsys, "pcodec", ["target_kbps=300"], as_curve=True, metrics="all")
 
 
+@pytest.mark.sweep
 def test_where_a_drive_says_nothing_of_its_way_the_rest_of_the_curve_is_drawn_all_the_same(capsys, monkeypatch):
     monkeypatch.setattr("lidarcodec.commands.bench.curve.TARGETS_KBPS", (2000,))
     (found,), _ = bench(capsys, "zstd", as_curve=True, metrics="all")

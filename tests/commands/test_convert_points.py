@@ -61,6 +61,7 @@ def test_points_are_the_same_from_every_kind_of_source(drive, tmp_path, source):
         np.testing.assert_array_equal(rows[name], cloud[name])
 
 
+@pytest.mark.sweep
 def test_scans_of_kitti_and_messages_of_points_are_sources_too(drive, tmp_path):
     clouds = done("convert", drive / "drive.mcap", tmp_path / "clouds.mcap", "--as", "clouds")
     with (tmp_path / "clouds.mcap").open("rb") as file:
@@ -94,6 +95,7 @@ def frames_and_topics(path):
 DUAL = "sim:garage?sensor=vlp16&returns=dual&frames=2"
 
 
+@pytest.mark.sweep
 def test_all_returns_are_written_with_their_number(tmp_path):
     """A user of a dual sensor gets both returns of each beam, in every format that can say which is which."""
     frames = list(lidarcodec.read_frames(DUAL))

@@ -44,6 +44,7 @@ def test_a_part_begins_with_the_key_frame_that_it_needs_and_decodes_alone(drive,
     assert messages(tmp_path / "b.mcap") == messages(drive / "drive.mcap")[3:7]
 
 
+@pytest.mark.sweep
 def test_parts_joined_again_are_the_recording(drive, tmp_path):
     found = cut(drive / "drive.mcap", tmp_path / "p.mcap", "--every", 0.3)
     assert [one.rpartition("-")[2] for one in found["outputs"]] == ["000.mcap", "001.mcap", "002.mcap"]

@@ -10,6 +10,7 @@ from tests.evaluation.detection.test_labels import CAMERA, LINE
 SOURCE = "sim:street?frames=1"
 
 
+@pytest.mark.sweep
 def test_settings_and_recordings_stand_beside_the_original(tmp_path):
     recording = tmp_path / "street.mcap"
     assert run_here("encode", SOURCE, str(recording), "--codec", "zstd").returncode == 0

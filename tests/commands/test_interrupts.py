@@ -192,6 +192,7 @@ def test_a_part_is_numbered_if_there_is_one_and_the_rest_of_the_rest_can_be_done
     assert both[1:] == [str(tmp_path / f"out{end}.pcap") for end in (".partial-2", ".rest-2", "")]
 
 
+@pytest.mark.sweep
 def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path) -> None:
     """The second one comes while the first still waits for a frame that never ends."""
     program = (
@@ -214,6 +215,7 @@ def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.sweep
 def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: Path) -> None:
     program = (
         "import os, signal\n"
@@ -317,6 +319,7 @@ def test_a_part_has_its_calibration_though_the_whole_has_it_already(drive: Path,
 
 
 @pytest.mark.parametrize("framing", sampled(["packets:50", "revolution"], ["packets:50"]))
+@pytest.mark.sweep
 def test_the_rest_of_a_recording_is_counted_in_its_own_frames(tmp_path: Path, framing: str) -> None:
     """`convert` counted turns of 348 packets, whatever frames it wrote, and `join` refused the parts."""
     words = ["convert", "sim:city?frames=12", tmp_path / "out.mcap", "--codec", "raw", "--set", f"framing={framing}"]

@@ -49,6 +49,7 @@ def start():
     return f"{pose[0, 3] + 1:.2f},{pose[1, 3] - 1:.2f},{yaw + 5:.1f}"
 
 
+@pytest.mark.sweep
 def test_a_drive_is_found_in_its_map_and_its_poses_are_written(street, start, tmp_path):
     out = tmp_path / "poses.txt"
     ran = run_here("localise", SOURCE, "--map", street, "--start", start, "-o", out, "--json")

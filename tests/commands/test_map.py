@@ -43,6 +43,7 @@ def test_a_map_is_compressed_described_and_exported(town, tmp_path):
         assert len(rows) == five["points"] * (24 if ending == ".pcd" else 36)
 
 
+@pytest.mark.sweep
 def test_a_map_in_utm_is_the_local_one_turned_and_moved(town, tmp_path):
     out = tmp_path / "utm.lcmap"
     printed("build", SOURCE, "-o", out, "--least-seen", 2, "--origin", "49.0,8.4,90")

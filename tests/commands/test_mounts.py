@@ -168,6 +168,7 @@ def test_packets_of_a_recording_keep_it_as_text(tmp_path):
         assert source.mount == ROOF
 
 
+@pytest.mark.sweep
 def test_a_map_of_one_drive_begins_at_the_vehicle(tmp_path):
     spec = "sim:street?frames=2&traffic=0"
     plain, mounted = (

@@ -25,6 +25,7 @@ def drive(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.sweep
 def test_a_recording_of_many_small_messages_is_read_whole(drive: Path, tmp_path: Path) -> None:
     """Each message is a chunk of its own: 700 of a packet each were more than a limit on records let pass."""
     recording = tmp_path / "small.mcap"

@@ -119,6 +119,7 @@ def test_a_signal_while_the_rest_of_the_source_is_counted_is_one_too() -> None:
     assert nothing.whole
 
 
+@pytest.mark.sweep
 def test_bench_that_is_stopped_prints_what_it_has_and_that_there_is_more(drive: Path, tmp_path: Path) -> None:
     calls: list[object] = []
 

@@ -76,6 +76,7 @@ def test_every_compiler_and_optimisation_gives_the_same_bytes(way: Build, tmp_pa
 
 
 @pytest.mark.parametrize("columns", sampled([SMALL, LARGE], [SMALL]))
+@pytest.mark.sweep
 def test_the_core_as_it_was_built_for_the_package_gives_them_too(tmp_path: Path, columns: int) -> None:
     if not BUILT.exists() or not shutil.which("g++"):
         pytest.skip(f"needs g++ and {BUILT.relative_to(ROOT)}, which `make native` builds")

@@ -36,7 +36,7 @@ def again(planes: Planes, rng: np.random.Generator) -> Planes:
     return found
 
 
-@pytest.mark.parametrize(("seed", "step"), sampled(product(range(3), [1, 7]), [(1, 7), (2, 1)]))
+@pytest.mark.parametrize(("seed", "step"), sampled(product(range(3), [1, 7]), [(2, 1)]))
 def test_a_decoder_written_from_the_page_gives_the_same_frames(step: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     forms, planes = every_way(rng) if seed < 2 else (DUAL, noise(DUAL, (4, 21), rng))

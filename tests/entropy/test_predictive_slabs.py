@@ -48,6 +48,7 @@ def streams(draw: st.DrawFn):
 
 @settings(max_examples=examples(40), deadline=None)
 @given(streams())
+@pytest.mark.sweep
 def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None:
     of, levels, slabs, quick = stream
     encoder, decoder, written, read = PredictiveCoder(), PredictiveCoder(), Model(), Model()

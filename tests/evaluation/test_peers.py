@@ -69,6 +69,7 @@ def test_pcodec_gives_an_image_without_returns_back():
         assert np.array_equal(coder.decode(coder.encode(empty)), empty)
 
 
+@pytest.mark.sweep
 def test_fewer_bits_of_draco_are_a_larger_error_and_a_smaller_cloud():
     peer("peer:draco")
     fine, coarse = (bench_peer(SOURCE, "peer:draco", bits, frames=1, metrics="all", framing=SLAB) for bits in (14, 11))
@@ -119,6 +120,7 @@ def test_a_frame_without_a_return_is_measured_or_refused_by_name(name, no_return
         assert (result["points"], result["rmse_m"], result["bits_per_point"]["total"]) == (0, None, None)
 
 
+@pytest.mark.sweep
 def test_a_peer_that_fails_is_left_out_unless_it_was_asked_for(no_return, capsys, tmp_path):
     peer("peer:draco")
     picture = tmp_path / "nothing.png"

@@ -199,6 +199,7 @@ def test_what_a_lossy_recording_lost_is_said_where_it_is_written(tmp_path, capsy
     assert "2 frames of which not all returns were sent" in caplog.text
 
 
+@pytest.mark.sweep
 def test_a_target_that_is_kept_by_leaving_out_frames_is_missed_if_settings_are_in_the_way(tmp_path, capsys):
     """The advice of the first error led to a file without nine of twelve frames, and exit code 0."""
     words = (

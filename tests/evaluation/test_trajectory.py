@@ -40,6 +40,7 @@ def _errors_m(found: Trajectory, truth: Trajectory, gap: int = 8) -> np.ndarray:
     return np.linalg.norm(ways[0][:, :3, 3] - ways[1][:, :3, 3], axis=1)
 
 
+@pytest.mark.sweep
 def test_odometry_and_refinement_find_a_drive_that_begins_at_speed(
     drive: tuple[list[Scan], Trajectory], chained: Trajectory
 ) -> None:

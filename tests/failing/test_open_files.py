@@ -26,6 +26,7 @@ def recorded(folder: Path) -> int:
     return sum(path.stat().st_size for path in (folder / "rec").glob("*"))
 
 
+@pytest.mark.sweep
 def test_strangers_who_only_connect_end_no_recording(tmp_path: Path) -> None:
     """The vehicle had no handle left: no file could be begun, and no state told."""
     port, health = free_port(), tmp_path / "health.json"

@@ -281,6 +281,7 @@ def test_a_name_that_is_too_long_is_refused_before_anything_is_written(tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.sweep
 def test_a_folder_that_cannot_be_written_to_is_all_that_is_said(tmp_path: Path) -> None:
     """Nothing was made there, and a second line said that it was left over."""
     mount = f"mount -t tmpfs -o ro none {shlex.quote(str(tmp_path))}"

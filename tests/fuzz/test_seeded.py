@@ -106,6 +106,7 @@ def first_bytes(kind: SectionType, *names: str) -> set[int]:
     return {section.data[at] for section in sections if section.type == kind and len(section.data) > at}
 
 
+@pytest.mark.sweep
 def test_the_corpus_has_free_and_rounded_ranges_of_every_kind() -> None:
     """docs/wire-format-predictive.md: kinds of whole frames and slabs, quick or not, with something expected or not."""
     predictive = [
@@ -142,6 +143,7 @@ def outcome(read: Callable[[bytes], object], data: bytes) -> str:
     return "read"
 
 
+@pytest.mark.sweep
 def test_damage_is_inside_of_what_lattices_and_positions_pack() -> None:
     rng, lattices, positions = random.Random(5), set(), set()
     for message in (*stream(ALL["raw lattice, extremes"], 1).parts, *stream(ALL["raw lattice, positions"], 1).parts):
@@ -170,6 +172,7 @@ def test_damage_is_inside_of_what_lattices_and_positions_pack() -> None:
     }
 
 
+@pytest.mark.sweep
 def test_damage_is_inside_of_what_messages_of_other_sensors_pack() -> None:
     rng = random.Random(5)
 
@@ -241,6 +244,7 @@ def test_no_native_harness_is_without_seeds() -> None:
     assert {path.stem for path in folder.glob("fuzz_*.cpp")} == set(native_seeds.HARNESSES)
 
 
+@pytest.mark.sweep
 def test_a_campaign_goes_on_where_it_was_and_makes_a_table_with_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -110,6 +110,7 @@ def test_the_dashboard_is_what_its_table_makes():
     )
 
 
+@pytest.mark.sweep
 def test_every_expression_asks_for_what_the_server_exports(exported):
     for where, expression in expressions():
         found, grouped = selected(expression)

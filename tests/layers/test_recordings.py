@@ -153,6 +153,7 @@ def test_writers_refuse_what_is_no_refinement() -> None:
             writer.write_refinement(given.refinable.code(0) + b"\0")
 
 
+@pytest.mark.sweep
 def test_refinements_that_come_after_the_next_frame_go_with_their_own(recording: Path, tmp_path: Path) -> None:
     late = without(recording, tmp_path / "late.mcap", lost=set(), frames=set())  # all behind the last message
     run_here("cut", str(late), str(tmp_path / "part.mcap"), "--every", "0.1")
@@ -167,6 +168,7 @@ def test_refinements_that_come_after_the_next_frame_go_with_their_own(recording:
     assert 0 < told["bytes of refinements"] < parts[0].stat().st_size
 
 
+@pytest.mark.sweep
 def test_cut_and_join_keep_both_layers(recording: Path, tmp_path: Path) -> None:
     for name, more in (("one", ["--frames", "1"]), ("two", ["--skip", "1", "--frames", "1"])):
         run_here("cut", str(recording), str(tmp_path / f"{name}.mcap"), *more)

@@ -52,6 +52,7 @@ def test_each_point_is_in_one_window_of_neighbours_along_the_path():
     assert first.xyz[:, 0].max() <= second.xyz[:, 0].min() + 0.1
 
 
+@pytest.mark.sweep
 def test_a_map_is_compressed_by_weights_of_ones_own_and_they_say_what_they_were_trained_on(weights):
     made, about = compressed(TOWN, "learned", 500, select=method("learned", weights))
     assert (len(made), about["trained_on"]) == (500, "nothing")
@@ -80,6 +81,7 @@ def test_weights_that_are_damaged_or_none_are_refused_with_a_sentence(weights, t
 
 
 @pytest.mark.timeout(600)  # a busy machine takes minutes to load torch
+@pytest.mark.sweep
 def test_the_network_without_torch_is_that_of_training(weights):
     torch = pytest.importorskip("torch", reason="needs the extra `learned`")
     from lidarcodec.training.nets.map_point_net import MapPointNet

@@ -32,6 +32,7 @@ def test_no_method_keeps_more_than_it_may_and_all_keep_normals(by):
         assert {*map(tuple, made.steps.tolist())} <= {*map(tuple, TOWN.steps.tolist())}
 
 
+@pytest.mark.sweep
 def test_bytes_are_kept_to_and_nearly_used():
     for by in ("greedy", "voxel", "random"):
         made, _ = fitted(TOWN, by, 4000)

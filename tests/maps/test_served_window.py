@@ -49,6 +49,7 @@ def ends(tmp_path, monkeypatch):
         yield Town(server, path), vehicle
 
 
+@pytest.mark.sweep
 def test_a_sensor_is_found_by_a_search_in_tiles_that_come_once(ends):
     source = served_tiles("town", ends[1], 5.0)
     windows = served_windows(source)

@@ -143,6 +143,7 @@ def test_a_lost_scene_keeps_the_motion_and_then_stands() -> None:
     assert origins[-1] == "still"
 
 
+@pytest.mark.sweep
 def test_a_stream_that_begins_at_speed_finds_its_motion_at_once(data_file) -> None:
     """Its first search begins at rest, a metre away, all others where the last one ended. It must get there, too."""
     calibration = data_file("kitti_hdl64e_s2_recovered_db.xml")

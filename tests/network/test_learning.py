@@ -113,6 +113,7 @@ def test_rows_and_scales_learn_what_is_theirs(stream: list[Message]) -> None:
     assert (scales[1:] != scales[:-1]).any()
 
 
+@pytest.mark.sweep
 def test_the_same_frames_and_calls_give_the_same_bytes(drive: list[Frame], stream: list[Message]) -> None:
     short = first_update(stream) + 2
     assert coded(drive[:short], settings()) == stream[:short]
@@ -155,6 +156,7 @@ def test_a_lost_update_is_asked_for(drive: list[Frame], own: dict[str, object]) 
     assert decoded_after == len(drive) - lost - 2
 
 
+@pytest.mark.sweep
 def test_a_file_of_ones_own_goes_on_learning(drive: list[Frame], tmp_path: Path) -> None:
     nets = [weights_of("").net(expects=expects, size=size) for expects in (False, True) for size in (0, 1)]
     (tmp_path / "own.lcrw").write_bytes(rf.pack_weights(nets, {"trained on": "a secret place " * 99}))
@@ -193,6 +195,7 @@ def test_an_update_needs_what_it_begins_with_and_many_updates_do_not_push_that_o
         check(reader.decode(with_update(seed)), drive[0])
 
 
+@pytest.mark.sweep
 def test_tiles_without_weights_stay_without(drive: list[Frame], tmp_path: Path) -> None:
     """With them a network that was to be quick would take as long as any other after its first update."""
 
@@ -230,6 +233,7 @@ def test_a_message_with_a_damaged_update_costs_no_more_than_frames(drive: list[F
         check(reader.decode(stream[key]), drive[key])
 
 
+@pytest.mark.sweep
 def test_other_settings_begin_with_what_decoders_have(drive: list[Frame]) -> None:
     encoder, reader = StreamEncoder(settings(), stream_id=7), StreamDecoder()
     encoder.learn(0)

@@ -253,6 +253,7 @@ def test_whatever_frames_take_the_controller_stays_sane(events: list, target: fl
     assert ends[0] == ends[1]
 
 
+@pytest.mark.sweep
 def test_slabs_of_a_packet_are_remembered_in_few_bins() -> None:
     plan, state = plan_of("pcodec", 2000), RateState()
     for _ in range(20_000):

@@ -88,6 +88,7 @@ def test_the_target_is_kept_and_every_return_is_measured(town, purpose, codec, t
         assert encoder.rate["step"] > 1
 
 
+@pytest.mark.sweep
 def test_a_detector_gets_more_of_the_things_around_than_a_viewer(town):
     frames = [frame for frame, _ in town]
     missed = {}

@@ -67,6 +67,7 @@ def repeated(data: bytes, times: int, path: Path) -> Path:
     return path
 
 
+@pytest.mark.sweep
 def test_a_small_file_that_decodes_to_hours_is_left_where_it_is_seen(
     bomb: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -60,6 +60,7 @@ def test_cars_go_and_what_stands_stays(road: list[Frame]) -> None:
         assert reducing.report()["seen_before"]
 
 
+@pytest.mark.sweep
 def test_slabs_are_looked_up_in_the_slabs_of_a_turn() -> None:
     slabs = road_with(poses=True, framing="packets:29")
     reducing, whole = reducer(keep_fraction=0.09), make_reducer(StreamSettings(reduction="voxel", keep_fraction=0.09))
@@ -164,6 +165,7 @@ def test_poses_that_cannot_be_are_not_believed(road: list[Frame]) -> None:
         assert reducing.report()["odometry"] in ("unknown", "found")
 
 
+@pytest.mark.sweep
 def test_odometry_on_board_knows_the_way_of_a_second() -> None:
     """Within a hand's breadth after 0.9 s, or whatever stands would be taken for moving. On a bare road it is off by
     decimetres: little there says how far the car went along it."""

@@ -57,6 +57,7 @@ def _temporary(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", None)
 
 
+@pytest.mark.sweep
 def test_copies_of_a_killed_server_are_removed_by_the_next_one_and_those_of_one_that_runs_stay(archive, tmp_path):
     words = [sys.executable, "-c", KILLED, archive.store.url]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:

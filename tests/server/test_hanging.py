@@ -37,6 +37,7 @@ def hanging(network, name):
                 one.close()
 
 
+@pytest.mark.sweep
 async def test_viewers_who_ask_for_settings_of_vehicles_that_hang_do_not_take_the_places_of_changes(
     serving, vehicle, network, config
 ):

@@ -87,6 +87,7 @@ def test_a_server_that_starts_without_the_tokens_that_there_were_lets_nobody_in(
     store.close()
 
 
+@pytest.mark.sweep
 def test_a_token_that_cannot_be_kept_closes_nothing(store, config):
     """On a full disk: the first token was not made, and nobody got in any more, with or without one."""
     limit = (4096, resource.RLIM_INFINITY)  # no room for what changes, as on a full disk
@@ -148,6 +149,7 @@ def test_nobody_else_may_read_the_database(tmp_path):
 
 
 @pytest.mark.timeout(150)
+@pytest.mark.sweep
 def test_a_database_that_is_deleted_under_a_process_opens_neither_it_nor_the_next_one(tmp_path):
     first, second = (Server(tmp_path, free_port(), free_port()) for _ in range(2))
     store = Store(f"sqlite:///{tmp_path / 'server.db'}")

@@ -39,6 +39,7 @@ def days_left(port: int) -> int | None:
     return (shown.not_valid_after_utc - shown.not_valid_before_utc).days
 
 
+@pytest.mark.sweep
 def test_the_end_of_a_certificate_is_warned_of_and_a_renewed_one_is_used(tmp_path: Path) -> None:
     authority, port, said = Authority.open(tmp_path), free_port(), []
     renew(authority, tmp_path, 3)

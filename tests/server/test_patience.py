@@ -62,6 +62,7 @@ def relay(postgres):
 
 
 @pytest.mark.timeout(120)
+@pytest.mark.sweep
 async def test_a_database_that_stands_still_holds_up_nobody(serving, relay):
     """Streams are shown, tokens that were known work, changes are refused; and all is well when it goes on."""
     between, url = relay

@@ -22,6 +22,7 @@ pytestmark = [pytest.mark.timeout(240), pytest.mark.data]
 STREAM = "/api/v1/streams/vehicle/lidar"
 
 
+@pytest.mark.sweep
 def test_a_stream_is_thinned_and_made_whole_again_by_rest(data_file, tmp_path: Path) -> None:
     decoded: list[tuple[int, int]] = []  # frame, returns
     with running(tmp_path) as server:

@@ -97,6 +97,7 @@ async def test_an_operator_sees_that_somebody_else_set_the_vehicle(serving, vehi
         assert (await client.get(f"{STREAM}/settings")).json()["refused"] is None
 
 
+@pytest.mark.sweep
 async def test_after_several_rounds_a_server_sends_no_more_to_a_vehicle_that_comes_back(
     serving, vehicle, network, monkeypatch
 ):

@@ -63,6 +63,7 @@ def test_what_another_server_records_runs_and_can_be_neither_deleted_nor_played(
     assert other.delete(f"{ALL}/{name}").status_code == 204
 
 
+@pytest.mark.sweep
 def test_what_another_server_plays_can_be_played_and_not_deleted(servers):
     (first, one), (_, other) = servers
     made = recorded(one, first, 3)

@@ -275,6 +275,7 @@ def test_a_database_that_is_removed_under_a_server_keeps_nothing_in_silence(tmp_
     store.close()
 
 
+@pytest.mark.sweep
 def test_a_backup_that_is_put_in_place_under_a_server_is_what_is_used(tmp_path):
     """Pages in the write-ahead log of the old database would be read as those of the backup, and ruin it."""
     file, backup = tmp_path / "server.db", tmp_path / "backup.db"
@@ -438,6 +439,7 @@ async def test_a_store_that_fails_is_a_problem_and_nothing_reaches_the_vehicle(s
         assert (await client.get("/api/v1/streams")).status_code == 200
 
 
+@pytest.mark.sweep
 async def test_readiness_says_which_part_is_missing(serving, monkeypatch):
     async with serving() as client:
         assert (await client.get("/readyz")).json() == {"zenoh": True, "store": True}

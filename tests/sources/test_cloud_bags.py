@@ -134,6 +134,7 @@ def test_a_bag_of_other_messages_says_what_is_missing(tmp_path):
         open_source(path)
 
 
+@pytest.mark.sweep
 def test_chunks_that_expand_without_end_are_refused(tmp_path):
     path = bag1(tmp_path / "a.bag", [bytes(40_000_000)] * 3, b"bz2")
     with pytest.raises(SourceError, match=r"neither|readable"):

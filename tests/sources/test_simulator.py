@@ -162,6 +162,7 @@ def test_the_car_gets_through_the_town_and_stops_now_and_then(seed):
     assert np.ptp(at, axis=0).max() > 300.0
 
 
+@pytest.mark.sweep
 def test_a_public_reader_finds_the_calibration_in_the_status_bytes():
     hdl64e = pytest.importorskip("velodyne_decoder").hdl64e
     source = SimulatorSource("street", seed=1)
@@ -232,6 +233,7 @@ def test_a_drive_can_be_joined_late_and_is_then_where_it_would_have_been():
     assert same.mean() > 0.95  # echoes at edges remember the firing before
 
 
+@pytest.mark.sweep
 def test_the_world_ends_nowhere_and_memory_is_flat():
     if not Path("/proc/self/statm").exists():
         pytest.skip("needs /proc to read this process's memory")

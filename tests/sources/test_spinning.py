@@ -115,6 +115,7 @@ def test_a_turn_is_a_tenth_of_a_second_and_the_whole_horizon():
         assert (np.diff(azimuth) % 36000).sum() == pytest.approx(36000, rel=0.04)
 
 
+@pytest.mark.sweep
 def test_what_moves_is_where_it_is_when_it_is_fired_at():
     """One beam fired again and again: a moving car comes nearer or goes away at a steady speed."""
     source = SpinningSource(Wanted("os0-32"), "street", seed=1, speed=0.5)

@@ -66,6 +66,7 @@ def test_a_scan_with_too_few_returns_beside_the_road_calls_all_of_them_high() ->
     assert (labels_of(np.arange(100), ground)[98:] == HIGH).all()
 
 
+@pytest.mark.sweep
 def test_labels_follow_the_truth_of_a_simulated_drive(annotated: AnnotationFolder) -> None:
     """Ground as the scene has it; what moves has been seen from few places, what stands from many."""
     frame, found = annotated.frame(6), annotated.labels(6)
@@ -201,6 +202,7 @@ def test_wrong_settings_are_named() -> None:
         ground_finder("plough")
 
 
+@pytest.mark.sweep
 def test_an_odometry_that_does_not_exist_begins_no_folder(tmp_path: Path) -> None:
     """What was begun with a wrong name would refuse the same command with the right one."""
     out = AnnotationFolder(tmp_path / "drive")
@@ -222,6 +224,7 @@ def test_the_command_annotates_by_odometry_and_says_what_it_found(tmp_path: Path
     assert run_here("annotate", "udp://127.0.0.1:0", "--out", str(tmp_path / "live")).returncode == 2
 
 
+@pytest.mark.sweep
 def test_a_folder_is_of_one_capture_whatever_its_name(tmp_path: Path) -> None:
     """Who put another capture, calibration or poses in the place of a wrong one kept the wrong labels."""
     source, out = tmp_path / "drive.pcap", tmp_path / "drive"
@@ -233,6 +236,7 @@ def test_a_folder_is_of_one_capture_whatever_its_name(tmp_path: Path) -> None:
     assert "another calibration, capture or file of poses" in done.stderr
 
 
+@pytest.mark.sweep
 def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
     """It was still being copied: its first frames are the same, and the labels of the others were missing unsaid."""
     whole, source, out = tmp_path / "whole.pcap", tmp_path / "drive.pcap", tmp_path / "drive"

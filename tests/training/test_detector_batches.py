@@ -74,6 +74,7 @@ def test_views_are_those_of_the_detector() -> None:
     assert view.shape[-1] == CELLS
 
 
+@pytest.mark.sweep
 def test_the_network_learns_and_says_the_same_without_torch(tmp_path) -> None:
     from lidarcodec.evaluation.detection.detector.network import Network
     from lidarcodec.evaluation.detection.detector.view import seen

@@ -110,6 +110,7 @@ def test_two_draws_of_the_sampling_differ_and_both_keep_a_quarter(drive: Path) -
     assert torch.equal(one.points[1][0], one.points[0][0][:, one.kept[0][0]])
 
 
+@pytest.mark.sweep
 def test_wrong_settings_and_drives_without_labels_are_refused(drive: Path, tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="points"):
         PocoRun(points=100)

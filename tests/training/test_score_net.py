@@ -37,6 +37,7 @@ def example() -> Example:
     return example_of(frame, Labels(counts, high, 10), np.random.default_rng(1))
 
 
+@pytest.mark.sweep
 def test_a_short_training_learns_and_goes_on_as_if_it_had_not_been_stopped(example: Example, tmp_path: Path) -> None:
     losses: list[float] = []
     whole = train_scores([example], tmp_path / "whole.pt", RUN, "cpu", tick=lambda step, loss: losses.append(loss))

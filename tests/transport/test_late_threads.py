@@ -52,6 +52,7 @@ threading.Thread(target=time.sleep, args=(1e6,), name=late_threads.CLOSING + ' i
     assert run(LATE + stuck).returncode == -signal.SIGALRM
 
 
+@pytest.mark.sweep
 def test_one_that_never_ends_holds_up_no_exit():
     own = "threading.Thread(target=lambda: [None for _ in iter(int, 1)], daemon=True).start()"
     assert run(LATE + own).returncode == 0

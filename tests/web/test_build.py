@@ -1,15 +1,14 @@
-"""The committed page is what its sources give; without node nobody would notice that it is not."""
+"""The committed page is what its sources give; without node nobody would notice that it is not.
+
+The page's own checks are run by `make test`, when one of its files has changed.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from hashlib import sha256
 from pathlib import Path
-
-import pytest
 
 from tests.conftest import ROOT
 
@@ -46,18 +45,3 @@ def test_nothing_is_loaded_from_elsewhere():
 def test_the_lock_file_names_no_registry():
     lock = (WEB / "package-lock.json").read_text()
     assert '"resolved"' not in lock
-
-
-@pytest.fixture(scope="module")
-def node_modules() -> Path:
-    if shutil.which("npm") is None or not (WEB / "node_modules").is_dir():
-        pytest.skip("needs node, npm and `make web` once")
-    return WEB / "node_modules"
-
-
-@pytest.mark.parametrize("script", ["test -- --pool=threads --no-isolate", "types", "lint", "stale"])
-def test_the_pages_own_checks_pass(node_modules, script):
-    result = subprocess.run(
-        ["npm", "run", "--silent", *script.split()], cwd=WEB, capture_output=True, text=True, timeout=100, check=False
-    )
-    assert result.returncode == 0, result.stdout + result.stderr

@@ -18,6 +18,7 @@ from lidarcodec.evaluation.detection.evaluate import Detection
 from lidarcodec.untrusted.network_weights import packed
 
 
+@pytest.mark.sweep
 def test_overlaps_of_turned_boxes_are_those_of_fine_grids() -> None:
     rng = np.random.default_rng(3)
     boxes = np.stack(
@@ -153,6 +154,7 @@ def test_five_sectors_see_what_one_sees_and_what_lies_around() -> None:
     assert (around.boxes[:, 0] < -3).any() or not len(around.score)
 
 
+@pytest.mark.sweep
 def test_the_detector_finds_cars_of_a_simulated_town_and_fewer_of_them_in_a_poor_picture() -> None:
     from lidarcodec import StreamSettings
 

@@ -51,6 +51,7 @@ def test_every_step_of_the_track_is_as_long(stride):
     assert np.diff(scored.mapped).max() <= 6
 
 
+@pytest.mark.sweep
 def test_a_reduced_scan_finds_its_place(voxel):
     assert [(one.result["map"], one.result["receiver"]) for one in voxel] == [("whole", "decoded"), ("own", "decoded")]
     for outcome in voxel:

@@ -23,6 +23,7 @@ def exact(street):
     return find_reference(street)
 
 
+@pytest.mark.sweep
 def test_cut_turns_at_the_ends_are_left_out(street):
     widths = [frame.width for frame in street.frames]
     assert len(widths) == 10

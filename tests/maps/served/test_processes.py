@@ -87,6 +87,7 @@ def test_a_network_that_cannot_be_reached_is_waited_for_and_told(tmp_path):
         open_map("town", endpoints=nobody, patience_s=0.2)
 
 
+@pytest.mark.sweep
 def test_twenty_vehicles_at_once_get_all_tiles(serving, town):
     whole = read_map(town)
 

@@ -35,6 +35,7 @@ def nets() -> dict[str, Learned]:
     }
 
 
+@pytest.mark.sweep
 def test_shares_and_bits_are_those_of_all_returns() -> None:
     one = scan()
     rows = whole_frames([one, one], {}, 51)

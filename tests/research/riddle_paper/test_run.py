@@ -71,12 +71,14 @@ def test_a_run_may_be_made_shorter_on_the_way(tmp_path: Path) -> None:
     assert (state.step, state.settings["steps"]) == (3, 3)
 
 
+@pytest.mark.sweep
 def test_a_run_is_not_resumed_as_another(tmp_path: Path) -> None:
     train(scans(2), [], SMALL, tmp_path, until=2)
     with pytest.raises(SettingsError, match="seed"):
         train(scans(2), [], RunSettings(**{**SMALL.__dict__, "seed": 2}), tmp_path)
 
 
+@pytest.mark.sweep
 def test_seeds_make_different_runs_and_the_same_seed_the_same(tmp_path: Path) -> None:
     nets = [
         train(scans(2), [], RunSettings(**{**SMALL.__dict__, "seed": seed}), tmp_path / name, until=2)

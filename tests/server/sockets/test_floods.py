@@ -37,6 +37,7 @@ def test_frames_before_the_socket_is_accepted_hold_up_nobody(server):
 
 
 @pytest.mark.parametrize("kind", sampled(KINDS, ["fragments"]))
+@pytest.mark.sweep
 def test_frames_of_a_viewer_hold_up_nobody_and_end_its_socket(server, vehicle, kind):
     first, tiny = KINDS[kind]
     before = ViewerProtocol.held.ended["flood"]
@@ -70,6 +71,7 @@ def test_a_socket_that_is_ended_for_its_frames_is_told_why(server, vehicle, capl
     assert eventually(lambda: server.hub.counts["abuse"] == abuse + 1)
 
 
+@pytest.mark.sweep
 def test_a_short_burst_is_read_more_slowly_and_forgiven(server, vehicle):
     before = ViewerProtocol.held.ended["flood"]
     with socket.create_connection(("127.0.0.1", server.port), 20) as one:
@@ -86,6 +88,7 @@ def test_a_short_burst_is_read_more_slowly_and_forgiven(server, vehicle):
 
 
 @pytest.mark.timeout(120)
+@pytest.mark.sweep
 def test_a_server_under_a_flood_ends_when_it_is_told_to(tmp_path):
     server = Server(tmp_path, free_port(), free_port())
     with contextlib.ExitStack() as stack:

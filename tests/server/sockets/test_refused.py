@@ -66,6 +66,7 @@ async def test_a_viewer_that_sends_anything_else_is_sent_away(server, vehicle, s
         assert (await ending(socket))[0] == code
 
 
+@pytest.mark.sweep
 async def test_a_flood_of_acknowledgements_is_ended(server, vehicle):
     async with server.socket(f"{STREAM}/cloud?max_points=10") as socket:
         with contextlib.suppress(ConnectionClosed):

@@ -79,6 +79,7 @@ async def test_the_next_frame_comes_only_after_an_acknowledgement_and_is_the_new
         assert index_of(await frame(socket)) > second
 
 
+@pytest.mark.sweep
 async def test_ten_viewers_one_decoder_and_the_slow_one_costs_the_others_nothing(server, vehicle):
     fast, slow = [[] for _ in range(9)], []
     over = asyncio.Event()
@@ -163,6 +164,7 @@ async def _first(server) -> bytes:
         return await frame(socket)
 
 
+@pytest.mark.sweep
 async def test_a_slow_viewer_of_a_chain_of_messages_gets_only_what_it_can_decode(server):
     settings = StreamSettings(codec_settings={"mask_history": True}, key_interval=100_000)
     with server.publisher(settings=settings):
@@ -220,6 +222,7 @@ async def test_viewers_are_told_of_a_restart_of_settings_and_of_silence(server):
                 await socket.close()
 
 
+@pytest.mark.sweep
 async def test_viewers_are_told_that_the_source_has_ended(server):
     with server.publisher(40):
         assert server.seen()

@@ -30,6 +30,7 @@ def growth_by_step(frame: Frame) -> dict[int, float]:
     return {step: float(np.concatenate(values).mean()) for step, values in found.items()}
 
 
+@pytest.mark.sweep
 def test_ranges_grow_evenly_whatever_the_steps_that_packets_tell() -> None:
     source = SimulatorSource("city", 77, only=348)
     (plain,) = frames_to_learn_plainly(source)

@@ -30,6 +30,7 @@ def taken(drive: list[Frame]) -> tuple[Rows, Rows]:
     return BesideSamples(networks_of(weights_of(""), 2), 5, 1500, np.random.default_rng(1)).of(drive)
 
 
+@pytest.mark.sweep
 def test_every_frame_is_a_key_frame_and_those_expect_for_which_contexts_are_warm(taken: tuple[Rows, Rows]) -> None:
     alone, expecting = taken
     assert alone.shape[1] == row_bytes(False)
@@ -50,6 +51,7 @@ def test_contexts_know_what_the_network_does_not(taken: tuple[Rows, Rows], expec
     assert all(a < b for a, b in pairwise(costs)), costs
 
 
+@pytest.mark.sweep
 def test_rows_are_those_of_the_stream_behind_those_of_clips(tmp_path: Path) -> None:
     how = Gathering(seed=3, frame_rows=200)
     stores = [SampleStore(tmp_path / str(beside is None), "training", how, ["sim:road?frames=7"], [], beside)

@@ -30,6 +30,7 @@ RUN = RiddleRun(
 )
 
 
+@pytest.mark.sweep
 def test_a_run_writes_a_file_that_says_what_it_is_and_again_the_same(tmp_path: Path) -> None:
     said: list[str] = []
     weights = train(RUN, tmp_path / "first.lcrw", device="cpu", say=said.append, every=20)

@@ -63,6 +63,7 @@ def test_single_frames_teach_networks_alone(drive: list[Frame]) -> None:
     assert len(expecting) == 0
 
 
+@pytest.mark.sweep
 def test_a_store_that_is_full_is_left_as_it_is(gathered: SampleStore, tmp_path: Path) -> None:
     first = [rows.copy() for rows in gathered.rows(True)]
     said: list[str] = []
@@ -84,6 +85,7 @@ def test_samples_of_something_else_are_not_gone_on_with(gathered: SampleStore) -
         other.gather(lambda _: None)
 
 
+@pytest.mark.sweep
 def test_samples_of_another_capture_of_the_same_name_are_not_gone_on_with(tmp_path: Path) -> None:
     """The old networks came out, and said that they were trained on it."""
     capture = tmp_path / "drive.pcap"

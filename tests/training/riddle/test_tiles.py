@@ -38,6 +38,7 @@ def test_runs_of_every_length_leave_out_what_they_shall(tmp_path: Path, steps: i
     assert tiles.share_left(net.quantised(2)) == [0.25, 0.5]
 
 
+@pytest.mark.sweep
 def test_inputs_that_say_nothing_go_first(tmp_path: Path) -> None:
     """Tiles that are worth nothing are as good as each other, and there may be more of them than are to be left."""
     rows = [toy_rows(4000, 1)]
