@@ -26,6 +26,8 @@ from lidarcodec.settings import AUTO, StreamSettings
 SHARE: Final = 0.3
 """Share of the time between two frames that encoding may take. Decoding takes about as long, and the rest is for the
 path: a frame should arrive before the next one is measured."""
+KEEPS_UP: Final = 0.6
+"""Where no codec is within that share, the one that may be taken: frames arrive later, but none is replaced."""
 BETTER: Final = 0.8
 """Where a codec is in force already, another one replaces it only if it takes this share of what it may take."""
 
@@ -89,7 +91,8 @@ def within(name: str, took_ms: float, budget_ms: float, kept: str | None = None)
 def choice(
     settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: float, kept: str | None = None
 ) -> Choice:
-    """The first of `ranked` that is `within` the budget, of those that were tried; otherwise the fastest of them.
+    """The first of `ranked` that is `within` the budget, of those that were tried; where none is, the first that keeps
+    up; otherwise the fastest.
 
     encode_ms: milliseconds for a frame, for each codec that was tried; at least one
     kept: the codec in force, if this is not the first choice
@@ -107,12 +110,16 @@ def choice(
                 other = f"; too slow: {', '.join(slow)}" * bool(slow)
                 other += f"; too close to that to change to: {', '.join(near)}" * bool(near)
                 return Choice(name, f"{most}{of} ({times[name]:g} ms){other}", times, budget_ms)
-    quickest = min(encode_ms, key=lambda name: encode_ms[name] * (BETTER if name == kept else 1.0))
-    because = (
-        f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(told)}; "
-        "they are tried again later"
+    none = (
+        f"no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(told)}; they are tried again later"
     )
-    return Choice(quickest, because, times, budget_ms)
+    most_ms = budget_ms * KEEPS_UP / SHARE
+    for margin in (kept, None):
+        for name in tried:
+            if within(name, encode_ms[name], most_ms, margin):
+                return Choice(name, f"the best that keeps up, but frames arrive later: {none}", times, budget_ms)
+    quickest = min(encode_ms, key=lambda name: encode_ms[name] * (BETTER if name == kept else 1.0))
+    return Choice(quickest, f"the fastest, and too slow: {none}", times, budget_ms)
 
 
 def _shortcoming(settings: StreamSettings) -> tuple[float, float]:
