@@ -28,6 +28,7 @@ from lidarcodec.maps.align import Alignment
 from lidarcodec.maps.build import MapBuilder
 from lidarcodec.maps.drives import DriveSpec
 from lidarcodec.maps.joining import Joining
+from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.sources.poses import Poses
 
 STEP_UM: Final = 20_000
@@ -96,7 +97,7 @@ def aligned(case: Case, cache: Path, folder: Path) -> tuple[Alignment, list[Matr
     ]
     (tiles := folder / "tiles").mkdir()
     builder = MapBuilder(tiles, STEP_UM, least_seen=LEAST_SEEN)
-    joining = Joining(builder, np.eye(4), folder)
+    joining = Joining(builder, np.eye(4), folder, KeptBuild(tiles, {}))
     alignment = joining.add(drives, align=True, starts=[None, None])[1].alignment
     assert alignment is not None
     return alignment, builder.path

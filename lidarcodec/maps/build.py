@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.rigid import Matrix
-from lidarcodec.maps.cells import EMPTY, CellGrid, Cells
+from lidarcodec.maps.cells import EMPTY, CellGrid, Cells, GridState
 from lidarcodec.maps.file import TILE_M, Head, MapWriter
 from lidarcodec.maps.points import LOCAL, MOST_COUNT, NORMAL_BITS, MapFrame, packed_normals
 from lidarcodec.maps.tiles import CELL_M, Tile, unlike
@@ -62,6 +62,30 @@ class MapBuilder:
             self.path.append(place)
         self._grid.add(points, place, len(self.path) - 1, look_through=moved_m >= PLACE_M)
         self.scans += 1
+
+    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What `go_on` needs: values for a JSON file, and arrays. Files that it names stay until `let_go`."""
+        grid = self._grid.state()
+        values = {
+            "far": [[*tile, name] for tile, name in grid.far.items()],
+            "grid_scans": grid.scans,
+            "before": None if self._before is None else self._before.tolist(),
+            "length_m": self.length_m,
+            "scans": self.scans,
+        }
+        return values, {"path": np.array(self.path).reshape(-1, 3), **grid.near}
+
+    def let_go(self) -> None:
+        """The newest `state` is safe: remove files that only earlier ones had."""
+        self._grid.let_go()
+
+    def go_on(self, values: dict[str, Any], arrays: dict[str, Any]) -> None:
+        """Go on from a `state`, before the first scan."""
+        near = {name: array for name, array in arrays.items() if name != "path"}
+        self._grid.go_on(GridState({(x, y): name for x, y, name in values["far"]}, values["grid_scans"], near))
+        self.path = list(arrays["path"])
+        self._before = None if values["before"] is None else np.array(values["before"])
+        self.length_m, self.scans = values["length_m"], values["scans"]
 
     def write(self, file: BinaryIO, tick: Callable[[], None] = lambda: None) -> int:
         """Write the map, and return the number of its points. More scans may be added later, for another file.

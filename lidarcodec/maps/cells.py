@@ -5,14 +5,15 @@ which it was hit. A scan sees through a cell if its returns around that directio
 moves is hit for a moment and seen through before and after, so cells that are seen through more often than they are
 hit are left out.
 
-Tiles that the sensor has left are kept in a folder. Memory is bounded by the tiles within 150 m of the sensor.
+Tiles that the sensor has left are kept in a folder. Memory is bounded by the tiles within 150 m of the sensor. `state`
+and `go_on` carry a grid over the end of a program.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +58,16 @@ class Cells(NamedTuple):
 EMPTY: Final = Cells(np.empty(0, np.int64), np.empty((0, 3)), *[np.empty(0, np.int64)] * 4)
 
 
+class GridState(NamedTuple):
+    """far: file of each tile that is in the folder;  scans: how many were added
+    near: the parts of all other tiles. Of each part: x and y of its `tiles`, and `sizes`; and the columns of all cells
+    """
+
+    far: dict[tuple[int, int], str]
+    scans: int
+    near: dict[str, npt.NDArray[Any]]
+
+
 def joined(parts: list[Cells]) -> Cells:
     """The cells of several parts as one, with sums and counts added up."""
     together = Cells(*[np.concatenate(columns) for columns in zip(*parts, strict=True)])
@@ -77,8 +88,9 @@ class CellGrid:
     def __init__(self, cell_m: float, tile_m: float, folder: Path) -> None:
         self._cell_m, self._tile_m, self._folder = cell_m, tile_m, folder
         self._near: dict[tuple[int, int], list[Cells]] = {}
-        self._far: set[tuple[int, int]] = set()
-        self._scans = 0
+        self._far: dict[tuple[int, int], str] = {}
+        self._held: frozenset[str] = frozenset()
+        self._scans = self._files = 0
 
     def add(self, points: Matrix, sensor: Matrix, place: int, *, look_through: bool) -> None:
         """Add the points (N, 3) of a scan in the world. sensor: (3,) its position; place: number of the place of the
@@ -116,6 +128,32 @@ class CellGrid:
             parts.append(self._load(tile))
         return joined(parts) if parts else EMPTY
 
+    def state(self) -> GridState:
+        """All that there is. Its files stay as they are, until the next call and `let_go`."""
+        parts = [(tile, part) for tile, parts in self._near.items() for part in parts]
+        tiles = np.array([tile for tile, _ in parts], np.int64).reshape(-1, 2)
+        sizes = np.array([len(part.keys) for _, part in parts], np.int64)
+        columns = zip(*(part for _, part in parts), strict=True) if parts else ([one] for one in EMPTY)
+        near = dict(zip(Cells._fields, map(np.concatenate, columns), strict=True))
+        self._held |= frozenset(self._far.values())
+        return GridState(dict(self._far), self._scans, {"tiles": tiles, "sizes": sizes, **near})
+
+    def let_go(self) -> None:
+        """The newest `state` is safe: remove files that only earlier ones had."""
+        now = frozenset(self._far.values())
+        for name in self._held - now:
+            (self._folder / name).unlink(missing_ok=True)
+        self._held = now
+
+    def go_on(self, state: GridState) -> None:
+        """Go on from a state, in an empty grid with the same folder."""
+        self._far, self._scans = dict(state.far), state.scans
+        self._held = frozenset(self._far.values())
+        self._files = 1 + max((int(name.split("-")[-1].removesuffix(".npz")) for name in self._held), default=-1)
+        columns = [np.split(state.near[name], np.cumsum(state.near["sizes"]))[:-1] for name in Cells._fields]
+        for (x, y), *part in zip(state.near["tiles"].tolist(), *columns, strict=True):
+            self._near.setdefault((x, y), []).append(Cells(*part))
+
     def finish(self) -> Iterator[tuple[tuple[int, int], Cells]]:
         """All tiles with their cells, ordered by (y, x), one in memory at a time."""
         for tile in list(self._near):
@@ -141,17 +179,17 @@ class CellGrid:
                 self._put_away(tile)
 
     def _put_away(self, tile: tuple[int, int]) -> None:
-        cells = self.cells(tile)
+        cells, before = self.cells(tile), self._far.get(tile)
         del self._near[tile]
-        np.savez(self._path(tile), **cells._asdict())
-        self._far.add(tile)
+        self._far[tile] = name = f"{tile[0]}_{tile[1]}-{self._files}.npz"
+        self._files += 1
+        np.savez(self._folder / name, **cells._asdict())
+        if before is not None and before not in self._held:
+            (self._folder / before).unlink()
 
     def _load(self, tile: tuple[int, int]) -> Cells:
-        with np.load(self._path(tile)) as file:
+        with np.load(self._folder / self._far[tile]) as file:
             return Cells(*(file[name] for name in Cells._fields))
-
-    def _path(self, tile: tuple[int, int]) -> Path:
-        return self._folder / f"{tile[0]}_{tile[1]}.npz"
 
     def _look_through(self, points: Matrix, sensor: Matrix) -> None:
         """Count the cells near the sensor that lie clearly in front of all returns around their direction."""

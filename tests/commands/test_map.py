@@ -1,6 +1,7 @@
 """`map build`, `compress`, `info` and `export` from end to end."""
 
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from lidarcodec.evaluation.rigid import exp_so3, invert, log_so3, moved
 from lidarcodec.maps.file import read_map
 from lidarcodec.sources import open_source
-from tests.command_line import run_here, the_one_line
+from tests.command_line import run_here, start, the_one_line
+from tests.transport.test_contract import eventually
 
 SOURCE = "sim:street?frames=5&traffic=0"
 
@@ -146,3 +148,22 @@ def test_points_in_utm_keep_their_places_in_a_pcd(tmp_path):
     kinds = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("a", "<f4"), ("b", "<f4"), ("c", "<f4")]
     found = np.frombuffer(rows, kinds)
     assert np.abs(np.stack([found[axis] for axis in "xyz"], axis=1) - read_map(out).xyz).max() < 1e-6
+
+
+@pytest.mark.sweep
+def test_a_build_that_was_stopped_goes_on_and_makes_the_same_map(tmp_path):
+    words = ["map", "build", "sim:street?frames=12&traffic=0", "-o", tmp_path / "street.lcmap", "--least-seen", 2]
+    with start(*words) as process:
+        assert eventually((tmp_path / "street.lcmap.building").exists)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "run the same command again" in said
+    assert (tmp_path / "street.lcmap.building" / "kept.json").exists()
+    again = run_here(*words)
+    assert again.returncode == 0, again.stderr
+    assert "going on with" in again.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["street.lcmap"]
+    words[4] = tmp_path / "at-once.lcmap"
+    assert run_here(*words).returncode == 0
+    assert (tmp_path / "at-once.lcmap").read_bytes() == (tmp_path / "street.lcmap").read_bytes()

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import math
+import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.commands.sources import check_finite, check_not_input, check_recorded
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.evaluation.rigid import Matrix, exp_so3
+from lidarcodec.files.folder_lock import alone_in
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.maps.build import MapBuilder
 from lidarcodec.maps.drives import DriveSpec
 from lidarcodec.maps.file import check_step
 from lidarcodec.maps.geodesy import utm_of
 from lidarcodec.maps.joining import Joined, Joining, Start
+from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.maps.points import MapFrame
 from lidarcodec.sources.mounts import Mounted
 
 ENDING: Final = ".lcmap"
+BUILDING: Final = ".building"
+"""Ends the name of the folder beside the map with what was done, until it is whole."""
 LATITUDES: Final = (-80.0, 84.0)
 """UTM covers these."""
 
@@ -48,6 +54,13 @@ class Asked:
     poses_of: str | None = None
     align: bool = False
     starts: list[str] = field(default_factory=list)
+
+    def decides(self) -> dict[str, Any]:
+        """All that decides what the map will hold, with the size and the time of the inputs."""
+        inputs = [*(Path(source.partition("?")[0]) for source in self.sources), *self.poses, self.calibration]
+        files = [None if path is None or not path.exists() else _version(path) for path in inputs]
+        own = {key: value for key, value in asdict(self).items() if key != "out"}
+        return {**own, "poses": [str(one) for one in self.poses], "calibration": str(self.calibration), "files": files}
 
     def first_poses(self) -> list[Start | None]:
         """Where the first scan of each drive is in the map; None if it is not said. Raises SettingsError."""
@@ -91,6 +104,12 @@ class Asked:
         ]  # fmt: skip
 
 
+def _version(path: Path) -> list[int]:
+    """Number of files, their bytes, and the time of the last change."""
+    found = [one.stat() for one in (path.rglob("*") if path.is_dir() else [path])]
+    return [len(found), sum(one.st_size for one in found), max((one.st_mtime_ns for one in found), default=0)]
+
+
 def check_map_name(path: Path, *, force: bool) -> None:
     """Raise SettingsError if a map cannot have this name."""
     if path.suffix.lower() != ENDING:
@@ -121,17 +140,38 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     T_map_world, frame = placed(asked.origin)
     starts = asked.first_poses()
     step_um = round(asked.step_m * 1e6)
+    folder = asked.out.with_name(asked.out.name + BUILDING)
     with (
-        whole(asked.out, force=force) as output,
-        tempfile.TemporaryDirectory(prefix="lidarcodec-map-") as folder,
-        progress("building a map", asked.frames if len(drives) == 1 else None) as tick,
+        alone_in(folder),
+        tempfile.TemporaryDirectory(prefix="lidarcodec-map-") as passing,
+        progress("building a map", asked.frames if len(drives) == 1 else None) as draw,
+        stoppable() as stopped,
     ):
-        (tiles := Path(folder) / "tiles").mkdir()
-        builder = MapBuilder(tiles, step_um, frame, asked.least_seen)
-        joined = Joining(builder, T_map_world, Path(folder), tick).add(drives, align=asked.align, starts=starts)
-        with output.beside.open("w+b") as file:
-            points_written = builder.write(file, tick)
-            size = file.tell()
+        kept = KeptBuild(folder, asked.decides(), force=force)
+        builder = MapBuilder(folder, step_um, frame, asked.least_seen)
+        kept.go_on(builder)
+        if kept.saved:
+            sys.stderr.write(f"lidarcodec: going on with {folder}: {kept.scans} scans are in the map\n")
+
+        def tick() -> None:
+            draw()
+            if stopped() or kept.due():
+                kept.save(builder)
+            if stopped():
+                raise StoppedError(f"stopped: run the same command again, and it goes on; {folder} has what was done")
+
+        try:
+            with whole(asked.out, force=force) as output:
+                joining = Joining(builder, T_map_world, Path(passing), kept, tick)
+                joined = joining.add(drives, align=asked.align, starts=starts)
+                with output.beside.open("w+b") as file:
+                    points_written = builder.write(file, tick)
+                    size = file.tell()
+        except LidarCodecError:
+            if not kept.saved:
+                kept.clear()
+            raise
+        kept.clear()
     found = {
         "output": str(output.kept or asked.out),
         "scans": builder.scans,
