@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from lidarcodec.codecs.other_sensors import shift_of
+from lidarcodec.codecs.plane_content import shift_of
 from lidarcodec.entropy.plane_coder import form_table, in_order
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.pipeline import frames_of
