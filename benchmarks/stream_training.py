@@ -26,7 +26,9 @@ from benchmarks.scenes import DATA, FRAMING
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.networks import Weights
-from lidarcodec.network.shelf import Shelf
+from lidarcodec.network.shelf import shipped
+from lidarcodec.network.update import applied, is_update
+from lidarcodec.network.weight_file import unpack_weights
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
@@ -65,7 +67,7 @@ def counted(messages: Iterable[Message]) -> int:
 
 def streamed(given: StreamSettings, drive: Sequence[Frame], learn: range, measure: range, steps: int) -> Streamed:
     """All frames as one stream, which learns from some of them."""
-    encoder, shelf = StreamEncoder(given, stream_id=1), Shelf()
+    encoder, known = StreamEncoder(given, stream_id=1), dict(shipped())
     found: Weights | None = None
     bits = points = 0
     for number, frame in enumerate(drive):
@@ -73,7 +75,8 @@ def streamed(given: StreamSettings, drive: Sequence[Frame], learn: range, measur
             encoder.learn(0)
         messages = encoder.encode(frame)
         for part in (part for message in messages for part in message.sections if part.type == SectionType.WEIGHTS):
-            found = shelf.take(part.data, frame.index)
+            found = applied(part.data, known.__getitem__) if is_update(part.data) else unpack_weights(part.data)
+            known[found.name] = found
         if steps and number in learn:
             encoder.learn(steps)
         if number in measure:
