@@ -42,7 +42,7 @@ def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S, 
     try:
         answer = _answer(host, port, time.monotonic() + answer_s, near=near)
         status, body = _parsed(answer)
-    except (OSError, UnicodeError, http.client.HTTPException) as error:
+    except (OSError, ValueError, OverflowError, http.client.HTTPException) as error:  # a size beyond any integer, too
         said = getattr(error, "strerror", None) or str(error) or type(error).__name__
         reason = "".join(character for character in said if character.isprintable())[:120]
         raise CalibrationError(f"no metadata from {address}: {reason}") from None
@@ -69,7 +69,9 @@ def with_metadata(bare: SensorModel, address: bytes | None, label: str) -> Senso
         return bare_sensors()[bare.model].calibrated(metadata, "stream", f"of {ip_address(address)}")
     except CalibrationError as error:
         logger.warning("%s: %s", label, error)
-        return bare
+    except Exception:  # whatever a host answers, it ends no live source
+        logger.exception("%s: the metadata of %s cannot be read", label, ip_address(address))
+    return bare
 
 
 def _answer(host: str, port: int, deadline: float, *, near: bool) -> bytes:

@@ -13,6 +13,7 @@ import pytest
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensors.models.ouster.sensor import bare_sensors
+from lidarcodec.sources import ouster_http
 from lidarcodec.sources.ouster_http import LIVE_ANSWER_S, PATH, metadata_over_http, with_metadata
 from tests.sensors.ouster_packets import as_json, flat_metadata, nested_metadata
 
@@ -102,6 +103,20 @@ def not_http(request: BaseHTTPRequestHandler) -> None:
     request.close_connection = True
 
 
+def beyond_any_number(request: BaseHTTPRequestHandler) -> None:
+    request.send_response(200)
+    request.send_header("Content-Length", "1" + "0" * 30)
+    request.end_headers()
+    request.close_connection = True
+
+
+def chunk_beyond_any_number(request: BaseHTTPRequestHandler) -> None:
+    request.send_response(200)
+    request.send_header("Transfer-Encoding", "chunked")
+    request.end_headers()
+    request.wfile.write(b"f" * 40 + b"\r\nabc\r\n0\r\n\r\n")
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -113,6 +128,8 @@ def not_http(request: BaseHTTPRequestHandler) -> None:
         (dripping, "timed out"),
         (endless, "the answer is larger than 131,072 bytes"),
         (not_http, "SSH"),
+        (beyond_any_number, "cannot fit 'int'"),
+        (chunk_beyond_any_number, "cannot fit 'int'"),
     ],
 )
 def test_other_answers_are_refused_in_time(answer: Callable[[BaseHTTPRequestHandler], None], message: str) -> None:
@@ -148,6 +165,17 @@ def test_no_address_beyond_the_networks_of_this_machine_is_asked(caplog: pytest.
     assert with_metadata(bare, bytes([198, 51, 100, 7]), "UDP") is bare
     assert time.monotonic() - began < LIVE_ANSWER_S
     assert "this machine is not in its network; give the metadata with --calibration FILE" in caplog.text
+
+
+def test_whatever_a_host_answers_the_packets_are_read_on(caplog: pytest.LogCaptureFixture) -> None:
+    """The packets name the host. One that answers with a size beyond any number ended `publish`, and its recording."""
+    bare = bare_sensors()["ouster-16-legacy"]
+    with sensor(beyond_any_number) as port, pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            ouster_http, "metadata_over_http", lambda host, **given: metadata_over_http(host, port, **given)
+        )
+        assert with_metadata(bare, bytes([127, 0, 0, 1]), "UDP") is bare
+    assert "no metadata from" in caplog.text
 
 
 def test_a_sensor_nearby_is_asked() -> None:
