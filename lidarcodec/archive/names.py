@@ -51,15 +51,6 @@ def id_of(*parts: Any) -> str:
     return hashlib.sha256(json_of([FORMAT, *parts])).hexdigest()[:_ID]
 
 
-def printable(text: str) -> str:
-    """A text for a terminal: names of objects may hold letters that change what it shows.
-
-    >>> printable("drive 1.pcap"), printable("\\x1b[2J.pcap")
-    ('drive 1.pcap', '\\\\x1b[2J.pcap')
-    """
-    return text if text.isprintable() else repr(text)[1:-1]
-
-
 def json_of(value: Any) -> bytes:
     """Canonical JSON: equal values give equal bytes."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode()

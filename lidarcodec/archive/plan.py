@@ -11,13 +11,14 @@ from typing import Any, Final
 
 from lidarcodec.archive.contents import WHOLE, Contents, commits_of
 from lidarcodec.archive.inputs import Input, inputs_of
-from lidarcodec.archive.names import Commit, id_of, printable
+from lidarcodec.archive.names import Commit, id_of
 from lidarcodec.archive.objects import read_plan
 from lidarcodec.archive.segments import Segment
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.settings import StreamSettings
+from lidarcodec.untrusted.text import printable
 from lidarcodec.wire.header import MAJOR, MINOR
 
 log = logging.getLogger(__name__)

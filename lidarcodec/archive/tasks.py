@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from lidarcodec.archive.jobs.table import work_of
-from lidarcodec.archive.names import printable
 from lidarcodec.archive.stores.table import open_store
 from lidarcodec.errors import LidarCodecError, MissingExtraError
+from lidarcodec.untrusted.text import printable
 
 
 @dataclass(frozen=True)

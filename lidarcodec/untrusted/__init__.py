@@ -1,1 +1,2 @@
-"""Readers of what comes from elsewhere: JSON, YAML and NumPy's files. Each refuses what costs more than it may."""
+"""What comes from elsewhere. Readers of JSON, YAML and NumPy's files refuse what costs more than it may; `text` makes
+texts that steer no terminal."""

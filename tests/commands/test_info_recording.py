@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from mcap.writer import Writer
+
 from lidarcodec.recording import RecordingReader, RecordingWriter
 from lidarcodec.settings import StreamSettings
 from tests.command_line import run_here
@@ -28,6 +30,25 @@ def test_frames_that_are_missing_between_those_of_a_recording_are_counted(tmp_pa
     assert (found["frames"], found["missing frames"]) == (3, 3)
     assert found["longest hole"].startswith("0.3 s, 2 frames, after 20")
     assert "missing frames           3" in run_here("info", holed).stdout
+
+
+def test_what_a_file_says_steers_no_terminal_and_feigns_no_line(tmp_path: Path) -> None:
+    """Its metadata could set the title of the window, clear it, and print "identical" in the name of a command."""
+    hostile = "\x1b]0;title\x07\x1b[2J\r\nidentical"
+    named, bag = tmp_path / f"{hostile}.mcap", tmp_path / "bag.mcap"
+    with named.open("wb") as to:
+        RecordingWriter(to, "car-7", "roof", StreamSettings(), {"source": hostile, hostile: hostile}).close()
+    with bag.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        cloud = writer.register_schema("sensor_msgs/msg/PointCloud2", "ros2msg", b"")
+        for topic in ("/a", f"/b{hostile}"):
+            writer.add_message(writer.register_channel(topic, "cdr", cloud), 1, b"\0\1\0\0" + bytes(60), 1)
+        writer.finish()
+    for done in (run_here("info", named), run_here("info", bag), run_here("decode", named, tmp_path / "no" / hostile)):
+        said = (done.stdout + done.stderr).splitlines()
+        assert said
+        assert not [line for line in said if not line.isprintable() or line.startswith("identical")], said
 
 
 def test_a_recording_of_raw_packets_does_not_look_empty(tmp_path: Path) -> None:

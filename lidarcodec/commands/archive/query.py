@@ -7,12 +7,12 @@ from datetime import datetime
 from typing import Any
 
 from lidarcodec.archive.archive import open_archive
-from lidarcodec.archive.names import printable
 from lidarcodec.archive.query import query
 from lidarcodec.archive.table import check_extra
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SourceError
 from lidarcodec.units import counted
+from lidarcodec.untrusted.text import printable
 
 
 def run(archive: str, sql: str, as_json: bool) -> None:

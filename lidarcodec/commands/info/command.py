@@ -10,6 +10,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
+from lidarcodec.untrusted.text import printable
 
 KEY_WIDTH = 24
 POSITIONS = "position packets"
@@ -46,9 +47,10 @@ def lines_of(values: dict[str, Any], indent: str = "") -> list[str]:
     """Lines of a key and a value. Mappings and tables are indented below their key."""
     lines = []
     for key, value in values.items():
-        name = f"{indent}{key}"
+        name = indent + printable(key)
         if isinstance(value, dict) and value.keys() == {"origin", "hash"}:
-            lines.append(f"{name:<{KEY_WIDTH}} {value['origin']} {value['hash']}")
+            origin = printable(f"{value['origin']} {value['hash']}")
+            lines.append(f"{name:<{KEY_WIDTH}} {origin}")
         elif isinstance(value, dict) and value:
             lines += [name, *lines_of(value, indent + "  ")]
         elif isinstance(value, list) and value:
@@ -57,13 +59,13 @@ def lines_of(values: dict[str, Any], indent: str = "") -> list[str]:
                 *(f"{indent}  {row}" for row in _table(value, SHOWN_ROWS if key == SHORT_TURNS else len(value))),
             ]
         elif value not in (None, {}, []):
-            lines.append(f"{name:<{KEY_WIDTH}} {value}")
+            lines.append(f"{name:<{KEY_WIDTH}} {printable(str(value))}")
     return lines
 
 
 def _table(rows: list[dict[str, Any]], most: int) -> list[str]:
     names = list(rows[0])
-    cells = [names, *([str(row[name]) for name in names] for row in rows[:most])]
+    cells = [names, *([printable(str(row[name])) for name in names] for row in rows[:most])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
     return lines + [f"and {len(rows) - most} more: --json has all"] * (len(rows) > most)

@@ -23,6 +23,7 @@ from lidarcodec.commands.running.stopping import Interrupter, StoppedError, igno
 from lidarcodec.commands.running.zenoh_log import zenoh_log
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.files.whole import drop_all
+from lidarcodec.untrusted.text import PrintableLog, printable
 
 _BY_TYPER = 130
 """typer's exit code for a KeyboardInterrupt."""
@@ -49,7 +50,7 @@ def _complain(error: BaseException, words: list[str]) -> int:
         hint = hint_for(error, words)
         said = error.message if hint else error.format_message()  # other options are no better than the hint
         text = " ".join(said.split()).rstrip(".") + (f": {hint}" if hint else "")
-        sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
+        sys.stderr.write(f"{path}: {printable(text)} (see: {path} --help)\n")
         return WRONG_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
         sys.stderr.write("lidarcodec: not enough memory: close other programs, or process smaller parts\n")
@@ -60,7 +61,7 @@ def _complain(error: BaseException, words: list[str]) -> int:
         if known
         else f"unexpected {type(error).__name__}: {_one_line(error)}; for details, add --debug"
     )
-    sys.stderr.write(f"lidarcodec: {text}\n")
+    sys.stderr.write(f"lidarcodec: {printable(text)}\n")
     return WRONG_USAGE if isinstance(error, _USAGE) else FAILED
 
 
@@ -88,7 +89,9 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command. Returns its exit code."""
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
     given = [word for word in arguments if word != "--debug"]
-    logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
+    handler = logging.StreamHandler()
+    handler.setFormatter(PrintableLog("lidarcodec: warning: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
     Interrupter().install(hangup=not is_live(given))
     remember(given)
     if is_live(given):

@@ -24,6 +24,8 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
+from lidarcodec.untrusted.text import lines_printable
+
 Command = TypeVar("Command", bound=Callable[..., None])
 
 SCHEMA: Final = "prints_json_of"
@@ -46,8 +48,9 @@ def schema_of(command: Any) -> Any:
 
 
 def tell(result: Mapping[str, Any] | Sequence[Any], text: str, as_json: bool) -> None:
-    """Print a result: as JSON, otherwise the text. The result has only values that JSON can hold."""
-    print(json.dumps(result, indent=2) if as_json else text)
+    """Print a result: as JSON, otherwise the text. The result has only values that JSON can hold; names and texts from
+    elsewhere steer no terminal."""
+    print(json.dumps(result, indent=2) if as_json else lines_printable(text))
 
 
 def terminal_width() -> int | None:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from lidarcodec.bridges.viewer_log import kind_of
+from lidarcodec.untrusted.text import printable
 
 EVERY_S: Final = 60.0
 MOST_KINDS: Final = 32
@@ -97,7 +98,7 @@ def _pass_on(reading: int) -> None:
 def _write(line: str | None) -> None:
     if line is not None:
         with contextlib.suppress(OSError):  # no reader: continue, otherwise Zenoh would block
-            os.write(2, f"{line}\n".encode())
+            os.write(2, f"{printable(line)}\n".encode())
 
 
 zenoh_log: Final = ZenohLog()
