@@ -321,7 +321,10 @@ def check_free(path: Path, *, force: bool = False, contents: re.Pattern[str] | N
     kind = stat.S_IFMT(found.st_mode)
     if kind in (stat.S_IFIFO, stat.S_IFCHR) and contents is None:
         return
-    if kind not in (stat.S_IFREG, stat.S_IFLNK, stat.S_IFDIR):
+    of_system = kind == stat.S_IFLNK and re.match(
+        r"/(dev|proc)($|/fd|/\d)", os.path.realpath(path.parent)
+    )  # as /dev/stdout
+    if of_system or kind not in (stat.S_IFREG, stat.S_IFLNK, stat.S_IFDIR):
         raise SettingsError(f"{path} is not a regular file: choose another name", "force")
     if kind == stat.S_IFDIR:
         if contents is None:

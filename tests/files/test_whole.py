@@ -136,6 +136,16 @@ def test_a_planted_link_is_never_followed(tmp_path: Path, leads: str) -> None:
     assert not secret.is_dir() or not list(secret.iterdir())
 
 
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd", "/dev/fd/1", "/proc/self", "/proc/self/fd/1"])
+@pytest.mark.parametrize("contents", [None, re.compile("a")])
+def test_links_of_the_system_are_replaced_by_nothing(name: str, contents: re.Pattern[str] | None) -> None:
+    """`convert drive.pcap /dev/stdout --force` of root made a folder of it, for all programs of the machine."""
+    if not os.path.islink(name):
+        pytest.skip("there is no such link here")
+    with pytest.raises(SettingsError, match="not a regular file: choose another name"):
+        whole_files.check_free(Path(name), force=True, contents=contents)
+
+
 def test_the_mode_is_the_one_of_new_files_or_private(tmp_path: Path) -> None:
     before = os.umask(0o027)
     try:

@@ -37,7 +37,8 @@ WAIT_S: Final = 0.2
 TICK_S, LONGEST_TICK_S = 0.001, 0.005
 """A waiting answer looks at the link at such intervals: a live message may be earlier or later than predicted."""
 LISTS_PER_S, LISTS_AT_ONCE = 10.0, 20
-"""Rate limit of questions that read files, and of marks, for all clients together."""
+"""Rate limit of questions that read files, and of marks, for all clients together; and another such limit of searches
+for pieces that were not listed lately."""
 
 
 class Link(Protocol):
@@ -65,6 +66,7 @@ class Answers:
         self, kept: Kept, keys: StreamKeys, link: Callable[[], Link | None], take: Callable[[], float], once: Once
     ) -> None:
         self._kept, self._keys, self._link, self._take, self._once = kept, keys, link, take, once
+        self._search = Allowance(LISTS_PER_S, LISTS_AT_ONCE).take
         self._told = answered(self._tell)
 
     def declare(self, transport: Transport) -> list[Closeable]:
@@ -84,10 +86,13 @@ class Answers:
         return self._told(data)
 
     def _part(self, query: dict[str, Any]) -> bytes:
-        """Raises GoneError, SettingsError."""
+        """Raises GoneError, SettingsError, TooOftenError."""
         offset, size = _whole(query, "offset"), _whole(query, "bytes")
         most = _whole(query, "most") if "most" in query else size
-        data = self._kept.part(_text(query, "piece"), _whole(query, "at_ns"), offset, min(max(size, most), MAX_PART))
+        length = min(max(size, most), MAX_PART)
+        data = self._kept.part(
+            _text(query, "piece"), _whole(query, "at_ns"), offset, length, lambda: self._allow(self._search)
+        )
         begin = time.monotonic()
         room = self._wait_for_room(max(1, min(most, len(data))), size, begin + WAIT_S)
         data = data[: size if room is None else room]
@@ -112,7 +117,7 @@ class Answers:
 
     def _tell(self, query: dict[str, Any]) -> dict[str, Any]:
         ask = query.get("ask", "spans")
-        self._allow()
+        self._allow(self._take)
         if ask == "spans":
             spans = [list(span) for span in self._kept.spans()]
             return {"spans": spans, "marks": [_about(mark) for mark in self._kept.marks], "totals": self._kept.totals}
@@ -123,7 +128,7 @@ class Answers:
         raise SettingsError("ask must be spans, pieces or part", "ask")
 
     def _mark(self, query: dict[str, Any]) -> dict[str, Any]:
-        self._allow()
+        self._allow(self._take)
         if "release" in query:
             return {"released": self._kept.release(_text(query, "release"))}
         mark = Mark(
@@ -137,9 +142,9 @@ class Answers:
         self._kept.mark(mark)
         return {"marked": _about(mark)}
 
-    def _allow(self) -> None:
-        """Raises and counts TooOftenError if the rate limit is reached."""
-        retry_s = self._take()
+    def _allow(self, take: Callable[[], float]) -> None:
+        """Raises and counts TooOftenError if a rate limit is reached."""
+        retry_s = take()
         if retry_s:
             error = TooOftenError("kept data is requested", retry_s)
             self._once.add("questions refused", error)

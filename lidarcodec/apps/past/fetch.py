@@ -174,12 +174,14 @@ class Fetch:
         size = min(self._parts.bytes, most)
         where = {"piece": piece.name, "at_ns": piece.begin_ns, "offset": offset}
         question = {"ask": "part", **where, "bytes": size, "most": most}
-        answer, took_s = self._ask(question)
-        if not answer or answer[0] != PART:
+        while True:
+            answer, took_s = self._ask(question)
+            if answer and answer[0] == PART:
+                break
             told = _object(answer)
             if told.get("field") == "piece":
                 return None
-            raise SourceError(f"the vehicle refuses: {reason_of(told)}")
+            self._wait_or_raise(told)
         if not HEAD.size < len(answer) <= HEAD.size + most:
             raise SourceError("the vehicle's answer cannot be understood")
         if len(answer) == HEAD.size + size:  # else the vehicle measured the room
@@ -198,10 +200,14 @@ class Fetch:
             told = _object(self._ask(question)[0])
             if "error" not in told:
                 return told
-            retry_s = retry_of(told)
-            if retry_s is None:
-                raise SourceError(f"the vehicle refuses: {reason_of(told)}")
-            self._pause(retry_s)
+            self._wait_or_raise(told)
+
+    def _wait_or_raise(self, told: dict[str, Any]) -> None:
+        """Wait until a refused question may be asked again. Raises SourceError for a refusal for good."""
+        retry_s = retry_of(told)
+        if retry_s is None:
+            raise SourceError(f"the vehicle refuses: {reason_of(told)}")
+        self._pause(retry_s)
 
     def _ask(self, question: dict[str, Any]) -> tuple[bytes, float]:
         """The answer, and how long it took in s. Waits until there is one."""

@@ -123,12 +123,15 @@ class Kept:
             return pieces[-1].end_ns
         return max((span.end_ns for path, span in self._files() if path != growing), default=None)
 
-    def part(self, name: str, at_ns: int, offset: int, size: int) -> bytes:
+    def part(
+        self, name: str, at_ns: int, offset: int, size: int, before_search: Callable[[], object] = lambda: None
+    ) -> bytes:
         """A part of a piece. at_ns: a time in it
+        before_search: called before whole files are read for a piece that was not listed lately; may raise
 
         Raises GoneError if it is not kept any more, SettingsError for an offset outside of it.
         """
-        data = self._piece(name, at_ns)
+        data = self._piece(name, at_ns, before_search)
         if not 0 <= offset < len(data):
             raise SettingsError(f"the piece has {len(data)} bytes", "offset")
         return data[offset : offset + size]
@@ -207,20 +210,32 @@ class Kept:
             logger.debug("%s: %s", path, error)
             return []
 
-    def _piece(self, name: str, at_ns: int) -> bytes:
-        with self._lock:  # most questions are about a piece that was just read: then no file is looked at
+    def _piece(self, name: str, at_ns: int, before_search: Callable[[], object]) -> bytes:
+        with self._lock:  # most questions are about a piece that was just read, or listed: then no file is searched
             if name in self._read:
                 return self._read[name]
+            listed = next(
+                ((file, piece) for (file, _), pieces in self._pieces.items() for piece in pieces if piece.name == name),
+                None,
+            )
+        if listed is not None:
+            return self._read_piece(self.folder / listed[0], listed[1])
+        before_search()
         for path, span in self._files():
             if not span.begin_ns <= at_ns <= span.end_ns + GAP_NS:
                 continue
             for piece in self._pieces_of(path):
                 if piece.name == name:
-                    try:
-                        return self._remembered(self._read, name, partial(read_piece, path, piece), PIECES_READ)
-                    except (OSError, LidarCodecError) as error:
-                        raise GoneError(f"the piece cannot be read: {error}") from None
+                    return self._read_piece(path, piece)
         raise GoneError("this piece has been overwritten")
+
+    def _read_piece(self, path: Path, piece: Piece) -> bytes:
+        try:
+            return self._remembered(self._read, piece.name, partial(read_piece, path, piece), PIECES_READ)
+        except FileNotFoundError:
+            raise GoneError("this piece has been overwritten") from None
+        except (OSError, LidarCodecError) as error:
+            raise GoneError(f"the piece cannot be read: {error}") from None
 
     def _remembered(self, known: OrderedDict[Any, T], key: object, read: Callable[[], T], most: int) -> T:
         with self._lock:

@@ -266,6 +266,32 @@ def test_parts_of_a_byte_end_it(
         fetching(tmp_path, near, patience_s=0.2).run()
 
 
+def test_a_flood_of_questions_about_pieces_that_nobody_listed_reads_few_files(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    """Each of them had all files of that time read: six at once took a processor from the live stream."""
+
+    def asked_for(name: str) -> bytes:
+        question = {"ask": "part", "piece": name, "at_ns": at(8), "offset": 0, "bytes": 100}
+        return near.ask(KEYS.past, json.dumps(question).encode()) or b""
+
+    told = [json.loads(asked_for(f"{number:064x}")) for number in range(60)]
+    refused = [one["retry_s"] for one in told if "requested too often" in one["error"]]
+    assert len(refused) > 20
+    assert all(0.0 < retry_s < 5.0 for retry_s in refused)
+    listed, _ = vehicle.kept.pieces(CLIP.from_ns, CLIP.to_ns)
+    assert all(asked_for(piece.name)[:1] == bytes([PART]) for piece in listed * 3)
+
+
+def test_a_fetch_waits_where_a_part_is_refused_for_a_while(
+    tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
+) -> None:
+    refusals = [b'{"error": "too often", "retry_s": 0.01}'] * 3
+    vehicle.spoils = lambda answer: refusals.pop() if refusals and answer[0] == PART else answer
+    assert len(fetching(tmp_path, near).run().there) == 3
+    assert not refusals
+
+
 def test_messages_of_another_time_than_listed_are_no_clip(
     tmp_path: Path, vehicle: Vehicle, near: MemoryTransport
 ) -> None:
