@@ -290,6 +290,7 @@ def _head_of(fields: tuple[Any, ...]) -> Head:
         columns > len(names)
         or "" in known
         or len(known) != columns
+        or ("normal_a" in known) != ("normal_b" in known)
         or not all(1 <= bit <= 16 for bit in known.values())
     ):
         raise HeaderError("the map has columns that this program does not know", HEAD.size - 16)

@@ -12,7 +12,7 @@ from typing import Final, Protocol
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE, Allowance
 from lidarcodec.errors import DecodeError, MissingExtraError
 from lidarcodec.frame import Frame
-from lidarcodec.layers import RefinedFrame
+from lidarcodec.layers import SECTORS, RefinedFrame
 from lidarcodec.layers import unpack as unpack_refinement
 from lidarcodec.message import Message
 from lidarcodec.recording.refinements import Refinements
@@ -74,7 +74,7 @@ def decoded(
         cost = 0.0 if message is None else _cost(message, frames)
         if message is not None and frames is not None:
             if (parts := reader.refinements.take(message)) and len(frames) == 1:
-                cost *= 1 + REFINED
+                cost *= 1 + REFINED * max(1.0, len(parts) / SECTORS)
                 frames = [_refined(message, frames[0], parts, failed, refined)]
             yield message, frames
         if message is not None and not allowed.spend(cost, reader.size):

@@ -200,6 +200,7 @@ def test_a_receiver_takes_sectors_before_their_base_and_counts_late_damaged_and_
     given, end = sent(), network.end()
     put(network, given, [0, 3])
     time.sleep(0.2)
+    refinements.message(given.message)
     refinements.base(given.base, given.message)
     assert eventually(lambda: refinements.counts["taken"] == 2)
     damaged = bytearray(given.refinable.code(1))
@@ -225,6 +226,7 @@ def test_a_receiver_takes_sectors_before_their_base_and_counts_late_damaged_and_
 def test_a_frame_is_given_at_once_when_its_last_sector_came(network):
     refinements, frames, declared = receiving(network)
     given = sent()
+    refinements.message(given.message)
     refinements.base(given.base, given.message)
     assert not frames
     put(network, given, reversed(range(12)))
@@ -233,6 +235,49 @@ def test_a_frame_is_given_at_once_when_its_last_sector_came(network):
     refinements.flush()
     assert len(frames) == 1
     assert refinements.counts["whole"] == 1
+    refinements.close()
+    for one in declared:
+        one.close()
+
+
+def test_refinements_of_others_hold_up_no_frame_and_fill_no_recording(network):
+    """They were decoded and recorded without end: no frame in 12 s, 48 MB instead of 7."""
+    frames, kept = [], []
+    refinements = Refinements(KEYS, "desk", frames.append, kept.append, logger_of())
+    declared = refinements.declare(network.end())
+    given, end = sent(), network.end()
+    sectors = [end.sender(KEYS.refine(sector), Priority.BESIDE) for sector in range(12)]
+
+    def came():
+        return sum(refinements.counts[name] for name in ("taken", "late", "lost", "left_out")) + errors()
+
+    def errors():
+        return refinements._once.counts["refinement_errors"]
+
+    refinements.message(given.message)
+    refinements.base(given.base, given.message)
+    for number in range(100):
+        forged = unpack(given.refinable.code(number % 12))._replace(ranges=bytes([number]) * 40)
+        sectors[number % 12].put(pack(forged))
+        assert eventually(lambda: came() > number)  # noqa: B023
+    assert errors() == 12, "as many as a frame has sectors"
+    assert len(kept) == 48, "four of each sector"
+    assert refinements.counts["left_out"] == 52
+    huge = unpack(given.refinable.code(11))._replace(ranges=bytes(200_000))
+    refinements._admission.message(sent(turn(index=5)).message)
+    sectors[11].put(pack(huge._replace(frame_index=5)))
+    assert eventually(lambda: refinements.counts["left_out"] == 53), "more than all that the frame has"
+    refinements.flush()
+    assert len(frames) == 1
+    for number in range(100):  # of frames that never come
+        forged = unpack(given.refinable.code(0))._replace(frame_index=1000 + number)
+        sectors[0].put(pack(forged))
+    following = sent(turn(index=1))
+    put(network, following, [0, 1])
+    refinements.message(following.message)
+    refinements.base(following.base, following.message)
+    assert eventually(lambda: refinements.counts["taken"] == 2)
+    assert len(kept) == 50
     refinements.close()
     for one in declared:
         one.close()

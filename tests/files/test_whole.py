@@ -140,7 +140,7 @@ def test_a_planted_link_is_never_followed(tmp_path: Path, leads: str) -> None:
 @pytest.mark.parametrize("contents", [None, re.compile("a")])
 def test_links_of_the_system_are_replaced_by_nothing(name: str, contents: re.Pattern[str] | None) -> None:
     """`convert drive.pcap /dev/stdout --force` of root made a folder of it, for all programs of the machine."""
-    if not os.path.islink(name):
+    if not Path(name).is_symlink():
         pytest.skip("there is no such link here")
     with pytest.raises(SettingsError, match="not a regular file: choose another name"):
         whole_files.check_free(Path(name), force=True, contents=contents)

@@ -126,6 +126,14 @@ def test_other_files_and_later_versions_are_named(tmp_path):
         read_map(tmp_path / "none.lcmap")
 
 
+@pytest.mark.parametrize("half", ["normal_a", "normal_b"])
+def test_a_map_with_half_of_a_normal_is_refused(half):
+    """`localise` and `map export` ended with an unexpected KeyError."""
+    columns = {name: values for name, values in TOWN.columns.items() if name != half}
+    with pytest.raises(HeaderError, match="columns that this program does not know"):
+        read(written(MapPoints(TOWN.step_m, TOWN.steps, columns)))
+
+
 def test_damaged_tiles_with_right_checksums_are_refused_or_decode_to_points_of_the_tile():
     town = street(8.0)
     columns = np.stack(list(town.columns.values())[:3], axis=1)

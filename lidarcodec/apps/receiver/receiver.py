@@ -258,6 +258,8 @@ class Receiver:
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)
+            if self.refinements is not None:
+                self.refinements.message(message)
 
     # --- the decode thread ------------------------------------------------------------------------------------------
 

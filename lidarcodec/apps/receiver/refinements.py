@@ -1,7 +1,7 @@
 """Refinements: those of a live stream, put on decoded bases.
 
     handler         refinement -> a few that wait
-    refine thread   report of the arrival -> recording -> the frame of its base
+    refine thread   admission -> report of the arrival -> recording -> the frame of its base
 
 Each base is held until all of its sectors are there, or the next message comes. So frames are given up to a frame later
 than without refinements.
@@ -16,10 +16,11 @@ from collections.abc import Callable
 from typing import Final
 
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.receiver.admission import Admission
 from lidarcodec.apps.reports import Refined, pack_refined
 from lidarcodec.errors import DecodeError, TransportError
 from lidarcodec.frame import Frame
-from lidarcodec.layers import RefinedFrame, can_be_base, unpack
+from lidarcodec.layers import SECTORS, OtherBaseError, RefinedFrame, Refinement, can_be_base, unpack
 from lidarcodec.message import Message
 from lidarcodec.recording.refinements import Refinements as Kept
 from lidarcodec.transport import Transport
@@ -33,6 +34,8 @@ WAITING: Final = 16
 """Most refinements that wait for the thread; a publisher sends a few at once. Beyond that the oldest are lost."""
 WAITING_BYTES: Final = 16 * 2**20
 """Most bytes of them. A sector has 10 kB."""
+FAILED: Final = SECTORS
+"""Most refinements of a base that may be damaged. Then no other is decoded, so that they hold up no frame."""
 _JOIN_S = 5.0
 
 
@@ -41,8 +44,8 @@ class Refinements:
 
     on_frame: called with each frame, refined as far as it is, in one of two threads, one at a time
     on_refinement: called with the bytes of each refinement, in the refine thread
-    counts: sectors `taken`, and those that came too `late` for their frame or were `lost` here; frames refined `whole`,
-        in `part`, or not at all (`base`)
+    counts: sectors `taken`, and those that came too `late` for their frame or were `lost` here; those `left_out`, which
+        came twice, or were too many of a sector; frames refined `whole`, in `part`, or not at all (`base`)
     """
 
     def __init__(
@@ -61,7 +64,7 @@ class Refinements:
         self._giving = threading.RLock()
         self._held: RefinedFrame | None = None
         self._newest: tuple[int, int] | None = None
-        self._kept = Kept()
+        self._kept, self._admission, self._failed = Kept(), Admission(), 0
         self._closed = False
         self.counts: Counter[str] = Counter(lost=0)
         self._thread: threading.Thread | None = None
@@ -90,25 +93,34 @@ class Refinements:
                 self.counts["whole" if held.whole else "part" if held.taken else "base"] += 1
                 self._on_frame(held.frame())
 
+    def message(self, message: Message) -> None:
+        """A message came, and was recorded: from now on its refinements are taken."""
+        with self._condition:
+            for data in self._admission.message(message):
+                self._wait(data)
+
     def base(self, frame: Frame, message: Message) -> None:
         """A frame was decoded. It is given now, if nothing can refine it."""
         if not can_be_base(message):
             self._on_frame(frame)
             return
         with self._giving:
-            self._held = RefinedFrame(frame, message)
+            self._held, self._failed = RefinedFrame(frame, message), 0
             self._newest = (message.stream_id, message.frame_index)
             for data in self._kept.take(message):
                 self._add(data)
 
     def _came(self, key: str, data: bytes) -> None:
         with self._condition:
-            self._waiting.append(data)
-            self._bytes += len(data)
-            while len(self._waiting) > WAITING or self._bytes > WAITING_BYTES:
-                self._bytes -= len(self._waiting.popleft())
-                self.counts["lost"] += 1
-            self._condition.notify()
+            self._wait(data)
+
+    def _wait(self, data: bytes) -> None:
+        self._waiting.append(data)
+        self._bytes += len(data)
+        while len(self._waiting) > WAITING or self._bytes > WAITING_BYTES:
+            self._bytes -= len(self._waiting.popleft())
+            self.counts["lost"] += 1
+        self._condition.notify()
 
     def _run(self, reports: Sender) -> None:
         undecoded: deque[tuple[tuple[int, int], bytes]] = deque()
@@ -126,6 +138,8 @@ class Refinements:
                 except DecodeError as error:
                     self._once.add("refinement_errors", error)
                     continue
+                if not self._admits(one, data):
+                    continue
                 try:
                     reports.put(pack_refined(Refined(one.frame_index, checksum_of(data), one.sector)))
                 except TransportError as error:
@@ -137,6 +151,13 @@ class Refinements:
                 self.counts["lost"] += 1
             if undecoded:
                 self._take(*undecoded.popleft())
+
+    def _admits(self, one: Refinement, data: bytes) -> bool:
+        with self._condition:
+            admitted = self._admission.admits(one, data)
+        if admitted is False:
+            self.counts["left_out"] += 1
+        return admitted is True
 
     def _keep(self, data: bytes) -> None:
         try:
@@ -160,11 +181,16 @@ class Refinements:
         if held is None:
             self.counts["late"] += 1
             return
+        if self._failed >= FAILED:
+            self.counts["lost"] += 1
+            return
         try:
             self.counts["taken"] += held.add(unpack(data))
         except DecodeError as error:
+            self._failed += not isinstance(error, OtherBaseError)  # that costs nothing
             self._once.add("refinement_errors", error)
         except Exception as error:  # an error in the decoder: only this refinement is lost
+            self._failed += 1
             logger.exception("frame %d could not be refined", held.base.index)
             self._once.add("refinement_errors", error)
         if held.whole:

@@ -44,7 +44,8 @@ class Received(TypedDict):
     replaced: Annotated[int, "frames that a newer one replaced before they were taken"]
     refinements: Annotated[
         dict[str, int] | None,
-        "of `--refine`: sectors `taken`, `late`, `lost`; frames refined `whole`, in `part`, `base` alone",
+        "of `--refine`: sectors `taken`, `late`, `lost`, `left_out` (twice, or too many); "
+        "frames refined `whole`, in `part`, `base` alone",
     ]
     coding: NotRequired[
         Annotated[
