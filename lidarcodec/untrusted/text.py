@@ -17,10 +17,19 @@ _STEERING: Final = re.compile(
 )
 """Control characters, ends of lines, changes of the direction of writing, and bytes of names that are no UTF-8."""
 
+MOST: Final = 4_000
+"""Characters of a line: a file of 0.3 MB can have names for a line of 0.5 MB."""
+
 
 def printable(text: str) -> str:
     """The text with escapes for what would steer a terminal, or begin another line."""
     return _STEERING.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def one_line(text: str) -> str:
+    """The text as a line of an error or a log: printable, and no longer than somebody may read."""
+    left_out = len(text) - MOST
+    return printable(text[:MOST]) + (f"... and {left_out:,} more characters" if left_out > 0 else "")
 
 
 def lines_printable(text: str) -> str:
@@ -33,7 +42,7 @@ class PrintableLog(logging.Formatter):
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         """The line, without a traceback."""
-        return printable(super().formatMessage(record))
+        return one_line(super().formatMessage(record))
 
     def formatException(self, ei: Any) -> str:
         """A traceback."""

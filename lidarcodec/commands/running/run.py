@@ -23,7 +23,7 @@ from lidarcodec.commands.running.stopping import Interrupter, StoppedError, igno
 from lidarcodec.commands.running.zenoh_log import zenoh_log
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.files.whole import drop_all
-from lidarcodec.untrusted.text import PrintableLog, printable
+from lidarcodec.untrusted.text import PrintableLog, one_line
 
 _BY_TYPER = 130
 """typer's exit code for a KeyboardInterrupt."""
@@ -50,7 +50,7 @@ def _complain(error: BaseException, words: list[str]) -> int:
         hint = hint_for(error, words)
         said = error.message if hint else error.format_message()  # other options are no better than the hint
         text = " ".join(said.split()).rstrip(".") + (f": {hint}" if hint else "")
-        sys.stderr.write(f"{path}: {printable(text)} (see: {path} --help)\n")
+        sys.stderr.write(f"{path}: {one_line(text)} (see: {path} --help)\n")
         return WRONG_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
         sys.stderr.write("lidarcodec: not enough memory: close other programs, or process smaller parts\n")
@@ -61,7 +61,7 @@ def _complain(error: BaseException, words: list[str]) -> int:
         if known
         else f"unexpected {type(error).__name__}: {_one_line(error)}; for details, add --debug"
     )
-    sys.stderr.write(f"lidarcodec: {printable(text)}\n")
+    sys.stderr.write(f"lidarcodec: {one_line(text)}\n")
     return WRONG_USAGE if isinstance(error, _USAGE) else FAILED
 
 
