@@ -21,6 +21,8 @@ from lidarcodec.settings import is_name
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 MAX_MARKS: Final = 256
+OF_OTHERS: Final = 0.75
+"""Share of the places and of the text that marks over the network may take: the rest is for the vehicle's own."""
 MAX_MARK_NS: Final = 600 * 10**9
 """Longest marked span: ten minutes."""
 MAX_TEXT: Final = 200
@@ -76,15 +78,18 @@ class Marks:
     def __len__(self) -> int:
         return len(self._all)
 
-    def add(self, mark: Mark) -> None:
+    def add(self, mark: Mark, *, own: bool = True) -> None:
         """Add a mark, or replace the one of this name. It survives a power failure from then on.
+
+        own: whether the vehicle itself set it
 
         Raises SettingsError if there are too many or their texts too long, SourceError if the file cannot be written.
         """
         others = [one for one in self._all if one.name != mark.name]
-        if len(others) >= MAX_MARKS:
-            raise SettingsError(f"there are {MAX_MARKS} marks, which is the limit: release some first", "mark")
-        self._store((*others, mark))
+        share = 1.0 if own else OF_OTHERS
+        if len(others) >= (most := int(share * MAX_MARKS)):
+            raise SettingsError(f"there are {most} marks, which is the limit: release some first", "mark")
+        self._store((*others, mark), int(share * MAX_FILE))
 
     def release(self, name: str) -> bool:
         """Remove a mark. Returns whether there was one. Raises SourceError if the file cannot be written."""
@@ -98,11 +103,11 @@ class Marks:
         """Whether a part of this span is marked."""
         return self.damaged or any(one.from_ns < end_ns and one.to_ns > begin_ns for one in self._all)
 
-    def _store(self, marks: tuple[Mark, ...]) -> None:
+    def _store(self, marks: tuple[Mark, ...], most: int = MAX_FILE) -> None:
         if self.damaged:
             raise SourceError(f"{self.path.name} cannot be read: repair or remove it")
         text = json.dumps({"format": 1, "marks": [asdict(one) for one in marks]})
-        if len(text) > MAX_FILE and len(marks) >= len(self._all):
+        if len(text) > most and len(marks) >= len(self._all):
             raise SettingsError("the marks have too much text: release some first, or give shorter reasons", "mark")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -220,7 +220,7 @@ class Keeper:
         if came:
             at_ns = time.time_ns()
             mark = Mark(f"status-{at_ns}", at_ns - MARK_NS, at_ns + MARK_NS, came[0], "status", at_ns)
-            self.kept.mark(mark)
+            self.kept.mark(mark, own=True)
             logger.info("%s: marked, because %s", self.keys.prefix, came[0])
 
     def _look_after(self, now: float) -> None:

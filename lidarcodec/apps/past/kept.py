@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
-from lidarcodec.recording.marks import Mark, Marks
+from lidarcodec.recording.marks import OF_OTHERS, Mark, Marks
 from lidarcodec.recording.pieces import Piece, pieces_in, read_piece
 from lidarcodec.recording.recorded_files import recorded_files
 from lidarcodec.transport.keys import StreamKeys
@@ -21,7 +21,8 @@ from lidarcodec.transport.keys import StreamKeys
 logger = logging.getLogger(__name__)
 
 MARKED_SHARE: Final = 0.5
-"""Largest share of the ring that marked files take: the rest stays a ring."""
+"""Largest share of the ring that marked files take: the rest stays a ring. Marks over the network may bring it to three
+quarters of that, so that nobody takes the room of what the vehicle itself marks."""
 MAX_PIECES: Final = 24
 """Most pieces in one answer: 4 kB."""
 MAX_SPANS: Final = 64
@@ -136,8 +137,10 @@ class Kept:
             raise SettingsError(f"the piece has {len(data)} bytes", "offset")
         return data[offset : offset + size]
 
-    def mark(self, mark: Mark) -> None:
+    def mark(self, mark: Mark, *, own: bool = False) -> None:
         """Keep a span from being overwritten, messages that are yet to come among them.
+
+        own: whether the vehicle itself marks it, not somebody over the network
 
         Raises SettingsError if the marked files would take too much of the ring, SourceError.
         """
@@ -153,11 +156,13 @@ class Kept:
                 and span.end_ns >= mark.from_ns
                 and not self.marks.covers(span.begin_ns, span.end_ns + 1)
             )
-            if self._marked_bytes(spans) + more + rate * ahead_ns > MARKED_SHARE * self.max_bytes:
+            share = MARKED_SHARE * (1.0 if own else OF_OTHERS)
+            if self._marked_bytes(spans) + more + rate * ahead_ns > share * self.max_bytes:
                 raise SettingsError(
-                    "the marked files would take more than half of what is kept: release some marks first", "mark"
+                    f"the marked files would take more than {share:.1%} of what is kept: release some marks first",
+                    "mark",
                 )
-            self.marks.add(mark)
+            self.marks.add(mark, own=own)
 
     def release(self, name: str) -> bool:
         """Remove a mark. Returns whether there was one. Raises SourceError."""

@@ -97,7 +97,7 @@ def test_a_marked_span_stays_when_everything_around_it_is_overwritten(tmp_path: 
 
 def test_marks_take_at_most_half_of_the_ring(tmp_path: Path) -> None:
     keeper = ring(tmp_path, 0, 40)
-    with pytest.raises(SettingsError, match="more than half"):
+    with pytest.raises(SettingsError, match=r"more than 37\.5%"):
         keeper.kept.mark(Mark("all", at(0), at(600), "", "", at(40)))
     assert not list(keeper.kept.marks)
 
@@ -195,6 +195,25 @@ def test_marks_with_long_texts_are_refused_before_their_file_is_too_long_to_be_r
     assert not again.damaged
     assert 50 < len(again) == len(marks)
     assert again.release("m0")
+
+
+def test_marks_over_the_network_leave_room_to_those_that_the_vehicle_sets_itself(tmp_path: Path) -> None:
+    """With 256 of them no event was marked any more, and its frames were overwritten."""
+    kept = Kept(tmp_path, KEYS, SMALL)
+    with pytest.raises(SettingsError, match="there are 192 marks"):
+        any(kept.mark(Mark(f"m{number}", 1, 2, "", "", 3)) for number in range(MAX_MARKS))
+    assert len(kept.marks) == 192
+    kept.mark(Mark("crash", 1, 2, "airbag", "status", 3), own=True)
+    assert len(Kept(tmp_path, KEYS, SMALL).marks) == 193
+
+    for folder, own in ((tmp_path / "others", False), (tmp_path / "own", True)):
+        keeper = ring(folder, 0, 60)
+        spans = [at(n) for n in range(0, 60, 5)]
+        with pytest.raises(SettingsError, match="more than"):
+            any(keeper.kept.mark(Mark(f"m{ns}", ns, ns + 1, "", "", 3), own=own) for ns in spans)
+        share = 0.5 if own else 0.375
+        keeper.kept.look()
+        assert (share - 0.2) * SMALL < keeper.state()["marked_bytes"] <= share * SMALL
 
 
 def test_a_disk_that_fails_again_and_again_costs_no_handles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
