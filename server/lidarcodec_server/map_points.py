@@ -45,7 +45,7 @@ class TilePoints:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        packed = gzip.compress(_points(shelved.read(tile), head), 6)
+        packed = gzip.compress(_points(shelved.read(tile), head, tile), 6)
         with self._lock:
             if key not in self._kept:
                 self._kept[key] = packed
@@ -55,11 +55,13 @@ class TilePoints:
         return packed
 
 
-def _points(data: bytes, head: Head) -> bytes:
+def _points(data: bytes, head: Head, piece: Piece) -> bytes:
     count = points_in(data)
     if count > MOST_DECODED:
         raise SourceError(f"the tile has {count:,} points, which are too many to draw: the limit is {MOST_DECODED:,}")
     tile = decode_tile(data, head.width, head.bits)
+    if (tile.x, tile.y) != piece.place:
+        raise SourceError(f"tile {piece.tail} cannot be drawn: it is the tile of another place")
     steps = tile.steps[:: -(-count // MOST_DRAWN)]
     corner = np.array([tile.x * TILE_M, tile.y * TILE_M, 0.0])
     return bytes((steps * head.step_m - corner).astype("<f4").tobytes())

@@ -8,11 +8,15 @@ import hashlib
 import numpy as np
 import pytest
 
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.maps import read_map
+from lidarcodec.maps.file import MapReader, MapWriter
+from lidarcodec.maps.served.shelf import ShelvedMap
 from lidarcodec.maps.served.sources import NetworkTiles, maps_on
 from lidarcodec.maps.served.stores import MemoryPieces
+from lidarcodec.maps.tiles import points_in
 from lidarcodec_server.app import create_app
+from lidarcodec_server.map_points import TilePoints
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.maps.served.conftest import changed, write
@@ -133,6 +137,22 @@ async def test_vehicles_get_the_same_maps(serving, folder, network):
             source = NetworkTiles("town", lambda: vehicle, MemoryPieces(1 << 20), 5.0)
             tile = source.manifest().tiles[0]
             assert hashlib.sha256(source.read(tile)).hexdigest() == tile.hash
+
+
+def test_a_tile_of_another_place_is_not_drawn(folder):
+    """The page drew it where the index of the file says; `localise` and `map export` refuse it."""
+    with MapReader.open(folder / "town.lcmap") as town, (folder / "moved.lcmap").open("w+b") as file:
+        writer = MapWriter(file, town.head)
+        for at, other in zip(town.places[:2], town.places[1::-1], strict=True):
+            with (folder / "town.lcmap").open("rb") as original:
+                original.seek(other.offset)
+                data = original.read(other.size)
+            writer.append(at.x, at.y, data, points_in(data))
+        writer.close(town.path, town.length_m)
+    moved = ShelvedMap("moved", folder / "moved.lcmap")
+    for tile in moved.manifest.tiles:
+        with pytest.raises(SourceError, match="the tile of another place"):
+            TilePoints().packed(moved, tile)
 
 
 def test_points_are_thinned_where_there_are_too_many(folder, monkeypatch):
