@@ -28,10 +28,10 @@ def run(
         from lidarcodec.apps.demo.demo import Demo
         from lidarcodec.commands.settings import one_setting
 
-        settings = one_setting(codec, pairs)  # checked here, so that an error is one line
+        one_setting(codec, pairs)  # checked here, so that an error is one line
         words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
         words += ["--calibration", str(calibration)] if calibration else []
-        demo = Demo(source, seconds, settings, words, browser=browser, out=sys.stderr if as_json else None)
+        demo = Demo(source, seconds, words, browser=browser, out=sys.stderr if as_json else None)
         with stoppable(demo.interrupt):
             figures = demo.run(server, meeting_port)
         if as_json:

@@ -42,17 +42,16 @@ def run(
 
     Raises SourceError if it stopped before `frames` frames had come.
     """
-    endpoints, stream = endpoints_of(given), key.removeprefix(f"{PREFIX}/")
+    endpoints, stream, losses = endpoints_of(given), key.removeprefix(f"{PREFIX}/"), CodingLosses()
     live = LiveStream(
         key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end,
-        refine=refine,
+        refine=refine, on_message=losses.came,
     )  # fmt: skip
-    show = sys.stderr.isatty()
-    count, losses = 0, CodingLosses()
+    show, count = sys.stderr.isatty(), 0
     with live, stoppable(live.interrupt) as stopped, told_ready(f"receiving {stream}", live.summary):
         shown_s = time.monotonic()
-        for count, frame in enumerate(awaited(live, stream), 1):
-            losses.add(frame, live.status)
+        for count, _ in enumerate(awaited(live, stream), 1):
+            losses.told(live.status)
             if show and time.monotonic() - shown_s >= EVERY_S:
                 shown_s = time.monotonic()
                 sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")

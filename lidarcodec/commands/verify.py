@@ -81,7 +81,6 @@ def compared(
         for frame in watched:
             message = recorded.message
             if message is not None:
-                sent.range_step_m = frame.sensor.range_step_m
                 sent.add(message)
             promise = None if message is None else promise_refined(promise_of(message), recorded.refined)
             # A message of `raw` does not say that it is reduced.

@@ -62,7 +62,7 @@ class Losses:
     def text(self) -> str:
         """The losses in a few words, each after a comma; empty if there are none."""
         kept = f", {self.kept_percent:.1f} % of the returns kept" if self.kept < self.given else ""
-        far = f", ranges off by at most {self.largest_error_m:.3g} m" if self.largest_error_m > 0 else ""
+        far = f", ranges off by at most {self.largest_error_m:g} m" if self.largest_error_m > 0 else ""
         off = "left out" if self._dark else f"off by {self.intensity_rms:.1f} (RMS)"
         intensity = f", intensities {off}" if self._intensity.squared else ""
         return kept + far + intensity

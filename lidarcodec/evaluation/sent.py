@@ -10,10 +10,13 @@ from collections import Counter
 from typing import Any, Final
 
 from lidarcodec.codecs import table
+from lidarcodec.errors import DecodeError
 from lidarcodec.evaluation.plane_difference import told_of_planes
 from lidarcodec.evaluation.verify import LOSSLESS_INTENSITY, bound_of, promise_of
 from lidarcodec.message import Message, SectionType
+from lidarcodec.planes.calibrations import peek_sensor
 from lidarcodec.planes.lattice_section import read_lattice
+from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.units import RANGE_STEP_M
 
 LOSSLESS: Final = "lossless"
@@ -24,13 +27,15 @@ UNSAID: Final = "not said"
 
 
 class Sent:
-    """Adds up messages: columns of their frames and those sent, bounds, and how intensities were sent. range_step_m: of
-    the sensor, by which bounds are told"""
+    """Adds up messages: columns of their frames and those sent, bounds, and how intensities were sent.
+
+    sensor: the first that a key message describes. Bounds are told by its range step
+    """
 
     def __init__(self) -> None:
-        self.range_step_m = RANGE_STEP_M
+        self.sensor: Described | None = None
         self.intensity: Counter[str] = Counter()
-        self._bounds: Counter[float | None] = Counter()
+        self._bounds: Counter[tuple[int | None, float | None]] = Counter()
         self._columns = self._sent = self._chosen = 0
 
     def add(self, message: Message) -> None:
@@ -38,6 +43,8 @@ class Sent:
 
         Raises DecodeError for a section that is damaged, UnsupportedVersionError for an unknown codec.
         """
+        if self.sensor is None:
+            self.sensor = _sensor_of(message)
         promise, frames = promise_of(message), message.frame_count
         columns = sent = message.width
         if message.has(SectionType.LATTICE):
@@ -46,24 +53,27 @@ class Sent:
         elif promise.reduced:
             self._chosen += frames
         self._columns, self._sent = self._columns + columns, self._sent + sent
-        bound_m = promise.bound_m
-        if bound_m is None and promise.step is not None:
-            bound_m = bound_of(promise.step, self.range_step_m)
-        self._bounds[bound_m] += frames
+        self._bounds[promise.step, promise.bound_m] += frames
         self.intensity[_intensity_of(message)] += frames
 
     def result(self) -> dict[str, Any]:
         """`columns_percent`; `least_bound_m` and `largest_bound_m`, None without one; numbers of frames:
         `without_bound`, `reduced` by choice of returns, and `intensity`, by how it was sent."""
-        bounds = [bound for bound in self._bounds if bound is not None]
+        found = {(step, bound_m): self._bound_of(step, bound_m) for step, bound_m in self._bounds}
+        bounds = [bound for bound in found.values() if bound is not None]
         return {
             "columns_percent": round(100 * self._sent / self._columns, 2) if self._columns else None,
             "least_bound_m": min(bounds, default=None),
             "largest_bound_m": max(bounds, default=None),
-            "without_bound": self._bounds[None],
+            "without_bound": sum(self._bounds[one] for one, bound in found.items() if bound is None),
             "reduced": self._chosen,
             "intensity": dict(self.intensity),
         }
+
+    def _bound_of(self, step: int | None, bound_m: float | None) -> float | None:
+        if bound_m is not None or step is None:
+            return bound_m
+        return bound_of(step, RANGE_STEP_M if self.sensor is None else self.sensor.range_step_m)
 
 
 def bounds_text(result: dict[str, Any]) -> str:
@@ -73,6 +83,14 @@ def bounds_text(result: dict[str, Any]) -> str:
         return "none"
     text = f"{largest:g} m" if least == largest else f"{least:g} to {largest:g} m"
     return text + f"; {result['without_bound']} frames without a bound" * bool(result["without_bound"])
+
+
+def _sensor_of(message: Message) -> Described | None:
+    """The sensor that a key message describes."""
+    try:
+        return peek_sensor(message.section(SectionType.CALIBRATION)) if message.key else None
+    except DecodeError:
+        return None
 
 
 def _intensity_of(message: Message) -> str:

@@ -49,7 +49,7 @@ def encode_calibration(sensor: SensorModel, key: bool, plain: bool = False) -> b
 
 
 def peek_sensor(section: bytes) -> Described | None:
-    """Name, model and rows of the sensor of a message, by its section; None if that has the hash alone.
+    """Name, model, rows and range step of the sensor of a message, by its section; None if that has the hash alone.
 
     Raises SectionError, TruncatedError.
     """
@@ -60,9 +60,9 @@ def peek_sensor(section: bytes) -> Described | None:
         return None
     if len(rest) < _TABLE_HEAD.size:
         raise TruncatedError(f"a calibration section of {len(section)} bytes")
-    length = rest[_TABLE_HEAD.size - 1]
+    _, step, length = _TABLE_HEAD.unpack_from(rest)
     name = rest[_TABLE_HEAD.size : _TABLE_HEAD.size + length]
-    return Described(name.decode("utf-8", "replace"), HDL64E, LASERS)
+    return Described(name.decode("utf-8", "replace"), HDL64E, LASERS, step / _STEPS_PER_METRE)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -20,12 +20,10 @@ from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from lidarcodec.apps.demo.browser import show as show_in_browser
 from lidarcodec.apps.demo.processes import PageServer, vehicle
-from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SourceError, TransportError
+from lidarcodec.evaluation.coding_losses import CodingLosses
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import payload_bytes
-from lidarcodec.ratecontrol.choosing import without_auto
-from lidarcodec.settings import StreamSettings
 
 if TYPE_CHECKING:
     from lidarcodec.apps.receiver.live_stream import LiveStream
@@ -40,6 +38,7 @@ REDRAW_S = 0.25
 LINE_S = 2.0
 MADE = "MAKELEVEL" in os.environ
 """Set if `make demo` started this process."""
+EXACT = "packets are restored byte for byte"
 SECONDS = 20.0
 """Duration without a terminal, in seconds."""
 
@@ -97,16 +96,15 @@ class Demo:
     """Runs the demonstration.
 
     source: the vehicle's source; seconds: from the first frame on. None: until interrupted on a terminal, otherwise 20
-    settings: of the stream; words: further options of `publish`; picture: file for the picture of the last frame
+    words: further options of `publish`; picture: file for the picture of the last frame
     browser: whether to open the page;  out: where to print, standard output by default
-    address: of the page;  saved: path of the picture; None until then
+    address: of the page;  saved: path of the picture; None until then;  losses: what coding left out
     """
 
     def __init__(
         self,
         source: str,
         seconds: float | None,
-        settings: StreamSettings,
         words: list[str],
         picture: Path = PICTURE,
         *,
@@ -117,13 +115,7 @@ class Demo:
         self._browser, self._out = browser, out or sys.stdout
         self.address: str | None = None
         self.saved: str | None = None
-        self._fidelity = "packets are restored byte for byte"
-        if not table.codec(without_auto(settings).codec).bounded:
-            self._fidelity = "lossy, without an error bound"
-        elif settings.base.step > 1:  # the demo takes no refinements
-            self._fidelity = f"range errors up to {settings.base.max_error_m} m"
-        elif settings.intensity_levels != 256:
-            self._fidelity = f"ranges exact, intensity {settings.intensity}"
+        self.losses = CodingLosses()
         self._interrupted, self._parent = False, os.getppid()
         self._live: LiveStream | None = None
         self._started = time.monotonic()
@@ -149,7 +141,7 @@ class Demo:
         with (
             TemporaryFile() as complaints,
             vehicle(self._source, VEHICLE, meeting_port, self._words, complaints) as car,
-            _listening(meeting_port) as live,
+            _listening(meeting_port, self.losses) as live,
         ):
             self._live = live
             page = self._begin(server, live, car, complaints)
@@ -246,8 +238,10 @@ class Demo:
             decode_ms=summary["decode_ms"]["p50"],
             replaced=status.get("replaced", 0) + summary["replaced"],
             errors=sum(summary["errors"].values()),
-            fidelity=self._fidelity,
         )
+        self.losses.told(live.status)
+        if frames:
+            figures.fidelity = self.losses.text().removeprefix(", ") or EXACT
         if frames and self._points:
             frame_bytes = summary["bytes"] / frames
             raw_bytes = self._raw_bytes / self._seen
@@ -290,12 +284,12 @@ def _save(frame: Frame, title: str, path: Path) -> None:
     save_picture(picture_of(frame, title), path)
 
 
-def _listening(meeting_port: int) -> LiveStream:
+def _listening(meeting_port: int, losses: CodingLosses) -> LiveStream:
     """A subscription to the vehicle's stream. Its modules are imported here, while the other processes start."""
     from lidarcodec.apps.receiver.live_stream import LiveStream
     from lidarcodec.transport import Endpoints
 
-    return LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port))
+    return LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port), on_message=losses.came)
 
 
 @contextmanager

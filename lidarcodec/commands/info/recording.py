@@ -14,8 +14,6 @@ from lidarcodec.commands.unkept import positions_of
 from lidarcodec.errors import CalibrationError, DecodeError, SettingsError
 from lidarcodec.evaluation.sent import Sent
 from lidarcodec.files.regular import open_regular
-from lidarcodec.message import Message, SectionType
-from lidarcodec.planes.calibrations import peek_sensor
 from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.holes import Numbers
@@ -41,7 +39,6 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
-        sensor: Described | None = None
         for stamp_ns, data in reader.messages():
             messages, size = messages + 1, size + len(data)
             stamps = [stamps[0] if stamps else stamp_ns, stamp_ns]
@@ -55,8 +52,6 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 for section in message.sections:
                     sizes[section_name(section.type)] += len(section.data)
                     coded_positions += positions_of(section)
-                if sensor is None and (sensor := _sensor_of(message)) is not None:
-                    sent.range_step_m = sensor.range_step_m
                 with suppress(DecodeError):
                     sent.add(message)
                 sections += sizes
@@ -86,7 +81,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
             recorded["position packets" if packet.position else "packets"] += 1
             if len(first) < STREAM_PACKETS and not packet.position:
                 first.append(packet.payload)
-        sensor = sensor or _sensor_seen_in(path, first)
+        sensor = sent.sensor or _sensor_seen_in(path, first)
     found = {
         "recording": str(path),
         "metadata": metadata,
@@ -147,14 +142,6 @@ def _measured(losses: dict[str, str]) -> dict[str, Any]:
         if math.isfinite(value):
             found[name] = int(value) if name == "left_out" else value
     return {"measured": found} if found else {}
-
-
-def _sensor_of(message: Message) -> Described | None:
-    """The sensor that a key message describes."""
-    try:
-        return peek_sensor(message.section(SectionType.CALIBRATION)) if message.key else None
-    except DecodeError:
-        return None
 
 
 def _sensor_seen_in(path: Path, payloads: list[bytes]) -> Described | None:

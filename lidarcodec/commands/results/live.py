@@ -50,8 +50,8 @@ class Received(TypedDict):
     coding: NotRequired[
         Annotated[
             dict[str, Any],
-            "what coding left out, of `subscribe`: `returns_percent` sent, `max_error_m` of ranges (null: no bound), "
-            "`intensity` in force, all that were",
+            "of `subscribe`: what coding left out. `returns_percent` were sent. The rest is what the messages say, "
+            "as in `sent` of `info RECORDING`",
         ]
     ]
     udp: Annotated[dict[str, int] | None, "of `--udp`: what was sent"]
@@ -100,7 +100,7 @@ class Shown(TypedDict):
     decode_ms: Annotated[float | None, "median time to decode a frame"]
     replaced: Annotated[int, "frames that a newer one replaced, at sender and receiver"]
     errors: Annotated[int, "messages that could not be used"]
-    fidelity: Annotated[str, "what the codec promises"]
+    fidelity: Annotated[str, "what the messages promise"]
 
 
 class Serving(TypedDict):
