@@ -78,6 +78,7 @@ STATUS_FIELDS = frozenset(
         "key_frames",
         "frame_index",
         "fps",
+        "mean_fps",
         "kbps",
         "rate",
         "images",

@@ -72,5 +72,36 @@ class Timings:
             return out
 
 
+class MeanRate:
+    """Frames a second over all the time in which they came: from the first to the last. Not thread-safe.
+
+    >>> rate = MeanRate()
+    >>> for at_s in (5.0, 5.5, 6.0, 9.0):
+    ...     rate.add(at_s)
+    >>> rate.fps
+    0.75
+    """
+
+    def __init__(self) -> None:
+        self._first_s: float | None = None
+        self._last_s = 0.0
+        self._after = 0
+
+    def add(self, at_s: float, frames: int = 1) -> None:
+        """Count frames that came at a time of the monotonic clock. Those of the first time begin the count."""
+        if self._first_s is None:
+            self._first_s = at_s
+        else:
+            self._after += frames
+        self._last_s = at_s
+
+    @property
+    def fps(self) -> float | None:
+        """The rate; None before a second frame came."""
+        if self._first_s is None or not self._after:
+            return None
+        return round(self._after / max(self._last_s - self._first_s, 1e-6), 2)
+
+
 def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)

@@ -54,14 +54,16 @@ def run(
             losses.told(live.status)
             if show and time.monotonic() - shown_s >= EVERY_S:
                 shown_s = time.monotonic()
-                sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")
+                now = live.summary()
+                sys.stderr.write(f"\r{line_of(now, now['fps'])}\x1b[K")
             if count == frames:
                 break
         summary = live.summary()
     summary["recording"] = live.summary()["recording"]  # after closing, when all waiting messages were written or lost
     if show:
         sys.stderr.write("\r\x1b[K")
-    tell(summary | {"stream": stream, "coding": losses.values()}, line_of(summary) + losses.text(), as_json)
+    text = line_of(summary, summary["mean_fps"]) + losses.text()
+    tell(summary | {"stream": stream, "coding": losses.values()}, text, as_json)
     check_recorded({key: summary["recording"]})
     if frames is not None and count < frames and not stopped():
         raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} stopped")
@@ -93,12 +95,12 @@ def named(streams: list[str]) -> str:
     return f" There {'is' if len(streams) == 1 else 'are'} {first}{f' and {more} more' if more > 0 else ''}."
 
 
-def line_of(summary: dict[str, Any]) -> str:
-    """The state of a receiver, in one line."""
+def line_of(summary: dict[str, Any], fps: float | None) -> str:
+    """The state of a receiver, in one line. fps: the rate, of the last frames or of all"""
     latency = summary["latency_ms"]
     delay = "-" if latency["p50"] is None else f"{latency['p50']:.1f} ms (p99 {latency['p99']:.1f})"
     return (
-        f"{summary.get('frames', 0)} frames, {summary['fps'] or 0:.1f} a second, {summary.get('bytes', 0):,} bytes, "
+        f"{summary.get('frames', 0)} frames, {fps or 0:.1f} a second, {summary.get('bytes', 0):,} bytes, "
         f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
         + _refined(summary["refinements"])
     )

@@ -196,6 +196,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "ended": flag,
     "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),
     "fps": _any_number,
+    "mean_fps": _any_number,
     "kbps": _any_number,
     "rate": or_null(
         record(

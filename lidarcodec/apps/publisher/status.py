@@ -13,7 +13,7 @@ from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.publisher.followed import Standing
 from lidarcodec.apps.publisher.source import FrameFeed
 from lidarcodec.apps.reports import Report, read_report
-from lidarcodec.apps.timings import Timings
+from lidarcodec.apps.timings import MeanRate, Timings
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.transport.keys import StreamKeys
@@ -35,6 +35,7 @@ class StatusBoard:
         self._reports: dict[str, tuple[Standing, float, Report]] = {}
         self._frames = self._messages = self._bytes = self._key_frames = 0
         self._last_index: int | None = None
+        self._mean = MeanRate()
         self.no_receiver = 0
         self.left_out = 0
         self.encode_ms = Timings()
@@ -45,6 +46,7 @@ class StatusBoard:
         self.put_ms.add(put_ms)
         with self._lock:
             self._recent.append((time.monotonic(), size, frames))
+            self._mean.add(self._recent[-1][0], frames)
             self._frames += frames
             self._messages += 1
             self._bytes += size
@@ -85,7 +87,7 @@ class StatusBoard:
                 "key_frames": self._key_frames,
                 "frame_index": self._last_index,
             }
-            no_receiver, left_out = self.no_receiver, self.left_out
+            mean_fps, no_receiver, left_out = self._mean.fps, self.no_receiver, self.left_out
         sensor, replaced = feed.sensor, feed.replaced  # read before `assembled`, so that it is never larger
         return {
             "vehicle": self._keys.vehicle,
@@ -109,6 +111,7 @@ class StatusBoard:
             "left_out": left_out,
             **totals,
             "fps": None if span is None else round(frames / span, 2),
+            "mean_fps": mean_fps,
             "kbps": None if span is None else round(sum(sizes) * 8 / span / 1e3, 1),
             "encode_ms": self.encode_ms.summary(buckets=True),
             "put_ms": self.put_ms.summary(buckets=True),

@@ -12,7 +12,7 @@ from typing import Any
 from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
 from lidarcodec.apps.receiver.freshness import OnlyBehind
 from lidarcodec.apps.reports import COUNTED, EARLIER, Report
-from lidarcodec.apps.timings import Timings
+from lidarcodec.apps.timings import MeanRate, Timings
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 
@@ -53,6 +53,7 @@ class ReceiverStats:
         self._next_index = 0
         self._behind = OnlyBehind()
         self._recent: deque[float] = deque(maxlen=64)
+        self._mean = MeanRate()
         self.counts: Counter[str] = Counter()
         self.latency_ms = Timings()
         self.decode_ms = Timings()
@@ -120,6 +121,7 @@ class ReceiverStats:
             self.counts["frames"] += 1
             self.counts["clocks_apart"] += latency is None
             self._recent.append(time.monotonic())
+            self._mean.add(self._recent[-1])
         if latency is not None:
             self.latency_ms.add(latency)
         return latency
@@ -137,7 +139,7 @@ class ReceiverStats:
 
     @property
     def fps(self) -> float | None:
-        """Frames a second over the newest 64 frames."""
+        """Frames a second over the newest 64 frames; None if none came in the last five seconds."""
         with self._lock:
             if len(self._recent) < 2 or time.monotonic() - self._recent[-1] > 5.0:
                 return None
@@ -146,10 +148,11 @@ class ReceiverStats:
     def summary(self) -> dict[str, Any]:
         """Counts, and percentiles of latency and decoding."""
         with self._lock:
-            counts = dict(self.counts)
+            counts, mean_fps = dict(self.counts), self._mean.fps
         return {
             **counts,
             "fps": self.fps,
+            "mean_fps": mean_fps,
             "latency_ms": self.latency_ms.summary(),
             "decode_ms": self.decode_ms.summary(),
             "clock": self.clocks.state(),

@@ -184,8 +184,9 @@ def check_loop(source: PacketSource, loop: bool) -> None:
 
 def summary_line(status: dict[str, Any]) -> str:
     """Totals of a stream, in one line."""
+    rate = "" if status["mean_fps"] is None else f", {status['mean_fps']:.1f} a second,"
     return (
-        f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
+        f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames{rate} in {status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
         + f", {status['left_out']} left out to keep the target" * bool(status["left_out"])
         + not_kept(status)
