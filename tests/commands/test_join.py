@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from ipaddress import ip_address
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
 from tests.recording.damaged import damaged_message
+from tests.sources import captures as c
 
 FRAMES = 6
 SOURCE = f"sim:city?frames={FRAMES}"
@@ -232,13 +235,37 @@ def test_files_of_a_live_recording_are_joined_though_settings_changed(drive: Pat
     assert all(wire.peek(data).frame_index == number for number, data in enumerate(whole))
 
 
-def test_captures_are_joined_record_by_record_with_their_calibration(drive: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("address", ["192.168.1.200", "192.168.3.43"])
+def test_captures_of_two_sensors_are_joined_with_a_warning_that_says_how_to_read_both(
+    tmp_path: Path, address, caplog
+) -> None:
+    """Else the second is only a number of packets of another stream, and nothing says where it is."""
+    puck = (struct.pack("<HH", 0xEEFF, 0) + bytes(96)) * 12 + bytes(4) + b"\x37\x22"
+    theirs, ours, both = (tmp_path / f"{name}.pcap" for name in ("theirs", "ours", "both"))
+    first = [c.frame(c.payload(k)) for k in range(20)]
+    whole = c.pcap(first + [c.frame(puck, source=ip_address(address).packed)] * 3)
+    ours.write_bytes(c.pcap(first))
+    theirs.write_bytes(whole[:24] + whole[len(c.pcap(first)) :])
+    assert run_here("join", ours, theirs, both).returncode == 0
+    (told,) = caplog.messages
+    assert f"{ours} is of hdl64e at 192.168.3.43" in told
+    assert f"{theirs} is of vlp16 at {address}" in told
+    if address == "192.168.3.43":
+        assert "lidarcodec cut" in told
+        return
+    assert f'"{both}?src={address}" as the second' in told
+    with open_source(f"{both}?src={address}") as source:
+        assert [source.sensor.model for _ in source.packets()] == ["vlp16"] * 3
+
+
+def test_captures_are_joined_record_by_record_with_their_calibration(drive: Path, tmp_path: Path, caplog) -> None:
     first, second, out = (tmp_path / f"{name}.pcap" for name in ("first", "second", "out"))
     assert run_here("convert", drive, first, "--frames", 2).returncode == 0
     assert run_here("convert", drive, second, "--skip", 2).returncode == 0
     refused = run_here("join", second, first, out)
     assert (refused.returncode, "without overlap" in the_one_line(refused)) == (2, True)
     assert run_here("join", first, second, out).returncode == 0
+    assert not caplog.messages
     assert out.read_bytes() == drive.read_bytes()
     assert (tmp_path / "out_db.xml").read_bytes() == (tmp_path / "first_db.xml").read_bytes()
     out.unlink()

@@ -289,6 +289,19 @@ def test_of_two_sensors_the_one_that_sends_more_is_taken(write):
     assert counts == {"other stream": 30}
 
 
+def test_a_stream_that_begins_late_is_taken_if_it_is_asked_for(write):
+    """`info` counted 151 packets of it, and "no such stream" was the answer to who asked for them."""
+    other = (struct.pack("<HH", 0xEEFF, 0) + bytes(96)) * 12 + bytes(4) + b"\x37\x22"
+    frames = [c.frame(p) for p in itertools.islice(itertools.cycle(PAYLOADS), 1030)]
+    path = write(c.pcap(frames + [c.frame(other, source=c.OTHER)] * 30 + frames))
+    assert read(path)[2] == {"other stream": 30}
+    payloads, _, counts = read(f"{path}?src=192.168.3.44")
+    assert payloads == [other] * 30
+    assert counts == {"other stream": 2060}
+    with pytest.raises(SourceError, match=r"its streams are: 192.168.3.43 to port 2368, 192.168.3.44 to port 2368$"):
+        open_source(f"{path}?src=192.168.3.45")
+
+
 def test_the_sensors_own_calibration_is_found_wherever_the_file_begins(write):
     table = status_bytes(generic_sensor("HDL-64E S3"))
     payloads = [c.payload(k)[:1204] + table[(k + 3000) % len(table)].tobytes() for k in range(len(table) + 20)]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from ipaddress import ip_address
 from pathlib import Path
 
 from lidarcodec.commands.capture_records import ORDERS, calibration_of, opened, read_table, records
@@ -12,7 +14,10 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import check_free, whole
+from lidarcodec.sources.captures.source import Sender, senders_of
 from lidarcodec.units import counted
+
+log = logging.getLogger(__name__)
 
 
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:
@@ -58,6 +63,7 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
         if table is not None and beside:
             output.companion(calibration_of, ".xml").write_bytes(table)
     tables = [str(calibration_of(output.kept))] if beside and output.kept is not None else []
+    _say_others(paths, output.kept or out)
     tell(
         {
             "output": str(output.kept),
@@ -71,6 +77,28 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
         + "".join(f"; calibration in {one}" for one in tables),
         as_json,
     )
+
+
+def _say_others(paths: Sequence[Path], out: Path) -> None:
+    """Warn of the first part with other sensors than the first part: nothing reads two sensors as one drive."""
+    first = senders_of(paths[0])
+    for path in paths[1:]:
+        found = senders_of(path)
+        if not first or not found or {_who(one) for one in first} & {_who(one) for one in found}:
+            continue
+        address, port = found[0].stream
+        if found[0].stream in [one.stream for one in first]:
+            remedy = f"both come from the same address, so only `lidarcodec cut {out}` by time separates them"
+        else:
+            source = f"src={ip_address(address)}"
+            source += f"&port={port}" if address in [one.stream[0] for one in first] else ""
+            remedy = f'"{out}" is read as the first, "{out}?{source}" as the second'
+        log.warning("%s is of %s, but %s is of %s: %s", paths[0], first[0], path, found[0], remedy)
+        return
+
+
+def _who(sender: Sender) -> tuple[bytes, str]:
+    return sender.stream[0], sender.model
 
 
 def _calibration(paths: Sequence[Path]) -> bytes | None:

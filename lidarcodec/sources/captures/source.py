@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Generator, Iterator
+from contextlib import closing
 from ipaddress import ip_address
 from itertools import islice
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.files.regular import check_regular
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.sensor_model import HDL64E
@@ -28,7 +29,8 @@ from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES
 logger = logging.getLogger(__name__)
 
 FIRST_PACKETS: Final = 1024
-"""Number of first packets that are searched for streams: 0.3 s of an HDL-64E."""
+"""Number of first packets that are searched for streams: 0.3 s of an HDL-64E. If none of them is of the wanted sender
+or port, the file is searched for the first that is, and this many are looked at from there on."""
 
 NAMED_STREAMS: Final = 16
 MAX_STREAMS: Final = 64
@@ -204,15 +206,17 @@ def _choose(
     streams: dict[Stream, list[bytes]] = {}
     others: dict[Stream, None] = {}
     stamps: dict[Stream, int] = {}
+    last = FIRST_PACKETS
     for count, (stamp_ns, (sender, _, target, payload)) in enumerate(datagrams, 1):
         lengths[len(payload)] += 1
         if port not in (None, target) or source not in (None, sender):
             if len(others) < NAMED_STREAMS:
                 others[sender, target] = None
         elif (sender, target) in streams or len(streams) < MAX_STREAMS:
+            last = last if streams else max(last, count + FIRST_PACKETS - 1)
             streams.setdefault((sender, target), []).append(payload)
             stamps.setdefault((sender, target), stamp_ns)
-        if count == FIRST_PACKETS:
+        if count >= last and (streams or not others):
             break
     if not streams and others:
         raise SourceError(f"{path} has no such stream; its streams are: {', '.join(map(_name, others))}")
@@ -250,6 +254,36 @@ def _recognised(
         if found is not None:
             return stream, found.model
     return wanted[0], None
+
+
+class Sender(NamedTuple):
+    """One sensor in a capture: its address and destination port, and its model."""
+
+    stream: Stream
+    model: str
+
+    def __str__(self) -> str:
+        return f"{self.model} at {_name(self.stream)}"
+
+
+def senders_of(path: Path) -> list[Sender]:
+    """The sensors among the first packets of a capture; none of a file that cannot be read, or holds none.
+
+    Raises nothing for damage: what lies before it counts.
+    """
+    from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
+
+    streams: dict[Stream, list[bytes]] = {}
+    try:
+        with closing(stamped_datagrams(path, Counter(), Ending())) as datagrams:
+            for _, (sender, _, target, payload) in islice(datagrams, FIRST_PACKETS):
+                if (sender, target) in streams or len(streams) < MAX_STREAMS:
+                    payloads = streams.setdefault((sender, target), [])
+                    payloads += [payload] * (len(payloads) < STREAM_PACKETS)
+    except LidarCodecError:
+        return []
+    found = {stream: recognised(payloads) for stream, payloads in streams.items()}
+    return [Sender(stream, one.model) for stream, one in found.items() if one is not None]
 
 
 def _name(stream: Stream) -> str:
