@@ -72,7 +72,7 @@ def compared(
     Raises SourceError, and StoppedError if it was stopped before the first frame.
     """
     check_recorded(spec)
-    recorded = RecordedFrames(recording)
+    recorded = RecordedFrames(recording, ": `verify` takes the recording first, then its source")
     settings = recorded.settings()
     comparison, sent = Comparison(), Sent()
     with open_source(spec, calibration=calibration, points=False) as source:
@@ -101,11 +101,8 @@ def compared(
         raise SourceError(
             f"{spec} has no packet with a time of {recording}: the recording was not made from this source"
         )
-    broken = [
-        *missing_parts(recorded),
-        *broken_promises(settings, comparison),
-        *([] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)),
-    ]
+    incomplete = [] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)
+    broken = [*missing_parts(recorded), *broken_promises(settings, comparison), *incomplete]
     return comparison.result() | {
         "model": source.sensor.model,
         "complete": coverage is not None,
@@ -119,6 +116,7 @@ def compared(
         "short_turns": sum(row.missing > 0 for row in comparison.short.rows()),
         "source_lacks": comparison.short.text(),
         "broken": broken,
+        "incomplete": incomplete,
     }
 
 
@@ -168,9 +166,10 @@ def _text(result: dict[str, Any]) -> str:
         *([_layers_text(result["layers"])] if result["layers"] else []),
         *([f"source           {result['source_lacks']}"] if result["source_lacks"] else []),
         *(f"changed          {text}" for text in result["changed"]),
-        *(f"BROKEN           {text}" for text in result["broken"]),
+        *(f"BROKEN           {text}" for text in result["broken"] if text not in result["incomplete"]),
+        *(f"INCOMPLETE       {text}" for text in result["incomplete"]),
     ]
-    if not result["broken"] and any(result["sent"]["intensity"]):
+    if len(result["broken"]) == len(result["incomplete"]) and any(result["sent"]["intensity"]):
         lines.append("kept             all that its messages promise" + " so far" * bool(result["interrupted"]))
     return "\n".join(lines)
 

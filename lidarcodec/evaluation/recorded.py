@@ -28,8 +28,8 @@ class RecordedFrames:
     layers: frames refined `whole`, in `part` or not at all (`base`); empty for a recording of one layer
     """
 
-    def __init__(self, path: Path) -> None:
-        """Raises OSError or SourceError if it is not a recording."""
+    def __init__(self, path: Path, instead: str = "") -> None:
+        """Raises OSError or SourceError if it is not a recording. instead: what the error adds then"""
         self._path = path
         self.message: Message | None = None
         self.refined: RefinedFrame | None = None
@@ -37,7 +37,7 @@ class RecordedFrames:
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         with open_regular(path) as handle:
-            reader = RecordingReader(handle, warn=False)
+            reader = RecordingReader(handle, False, instead)
             self.metadata = reader.metadata
             self._coded = next(reader.messages(), None) is not None
 

@@ -54,8 +54,9 @@ class RecordingReader:
         name, `late messages`: messages too late to be sorted, `other topics`: messages of topics that are not read
     """
 
-    def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
+    def __init__(self, stream: IO[bytes], warn: bool = True, instead: str = "") -> None:
         """warn: False if the same file is read again, so that its warnings are not logged twice
+        instead: what the error for another file adds
 
         Raises SourceError if it is not an MCAP file.
         """
@@ -76,10 +77,7 @@ class RecordingReader:
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
         if not magic or not records.MAGIC.startswith(magic):
-            raise SourceError(
-                f"{self._name} is not a recording (.mcap). For a capture use `convert`; `verify` takes the "
-                "recording first, then the capture"
-            )
+            raise SourceError(f"{self._name} is not a recording (.mcap){instead}")
         self._data_start = min(self._size, len(records.MAGIC))
         self._read_beginning()
 

@@ -242,7 +242,8 @@ def test_merged_frames_lie_where_their_poses_say_as_the_first_one_sees_them(driv
 
 def test_frames_that_are_not_placed_are_told_and_how_to_place_them(drive, tmp_path):
     capture, poses = drive / "drive.pcap", drive / "poses.txt"
-    for words, told in ((("a.ply",), True), (("b.ply", "--frames", "1"), False), (("each", "--as", "ply"), False),
+    for words, told in ((("a.ply",), False), (("d.ply", "--poses", poses), True),
+                        (("b.ply", "--frames", "1"), False), (("each", "--as", "ply"), False),
                         (("c.ply", "--merge", "--poses", poses), False)):  # fmt: skip
         result = run_here("convert", capture, tmp_path / words[0], *words[1:])
         assert result.returncode == 0, result.stderr

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from lidarcodec.commands.unkept import positions_text
 from lidarcodec.sensors.models.table import aside_name
-from tests.command_line import run_here
+from tests.command_line import run_here, the_one_line
 
 
 def test_a_folder_says_what_is_in_it_and_how_to_get_the_other(tmp_path):
@@ -19,6 +21,11 @@ def test_a_folder_says_what_is_in_it_and_how_to_get_the_other(tmp_path):
     assert "a rosbag2 (files of points: --as kitti, --as ply)" in converted
     chosen = run_here("decode", recording, tmp_path / "ply", "--as", "ply").stdout
     assert "rosbag2" not in chosen
+    packets = run_here("decode", recording, tmp_path / "back.pcap").stdout
+    assert re.search(r"back.pcap: 1 frame, \d+ packets, [\d,]+ points", packets)
+    other = run_here("decode", tmp_path / "back.pcap", tmp_path / "x.pcap")
+    told = "back.pcap is not a recording (.mcap): `lidarcodec convert` takes captures and other sources"
+    assert told in the_one_line(other)
 
 
 def test_packets_beside_the_data_have_the_name_of_what_sends_them(tmp_path):

@@ -74,6 +74,9 @@ def test_of_a_source_that_was_cut_off_it_is_said_that_the_recording_is_not_the_b
     assert result.returncode == 1
     assert "the source itself is cut off or damaged, which says nothing against the recording" in result.stdout
     assert "sent with losses, as the settings allow" in result.stdout
+    assert "BROKEN" not in result.stdout, "the word alone sends people to look for damage"
+    assert "INCOMPLETE       the source itself" in result.stdout
+    assert "kept             all that its messages promise" in result.stdout
     assert run_here("verify", out, cut, "--allow-part").returncode == 0
 
 

@@ -14,6 +14,7 @@ from typing import Final, Protocol
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.cloud import second_returns, second_returns_text
 from lidarcodec.commands.outputs.base import NO_CLOUD, USUAL, BagNames, Output
+from lidarcodec.commands.outputs.pcap import PcapOutput
 from lidarcodec.commands.outputs.table import Form, check_output, check_returns, contents_of, opened
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import Converted
@@ -47,7 +48,8 @@ from lidarcodec.units import counted
 log = logging.getLogger(__name__)
 INSTEAD: Final = "; `convert` makes a rosbag2 of a folder, --as FORMAT other files"
 REMEDY: Final = "--returns all"
-APART: Final = "Each frame keeps its own sensor frame: add --merge to place them by poses"
+APART: Final = "Each frame keeps its own sensor frame"
+BY_POSES: Final = ": add --merge to place them by poses"
 
 
 @dataclass(frozen=True)
@@ -78,9 +80,13 @@ class Wanted:
 
 
 class Frames(Protocol):
-    """Frames to write. live: whether they come from a sensor;  finish: end them;  say: warn about what was left out"""
+    """Frames to write. live: whether they come from a sensor;  finish: end them;  say: warn about what was left out
+
+    posed: whether the source has poses, beside those of its frames
+    """
 
     live: bool
+    posed: bool
 
     def __iter__(self) -> Iterator[Frame]: ...
 
@@ -92,11 +98,12 @@ class Frames(Protocol):
 class _Recorded:
     """Frames of a recording, as its messages say. A cut or damaged recording gives all complete frames."""
 
-    live = False
+    live = posed = False
 
     def __init__(self, path: Path, poses: Path | None, mounted: Mounted, *, points: bool) -> None:
         """points: whether points are made of the frames"""
-        self._path, self._recorded, self._points = path, RecordedFrames(path), points
+        self._path, self._points = path, points
+        self._recorded = RecordedFrames(path, ": `lidarcodec convert` takes captures and other sources")
         self._poses, self._mount = None, mounted.mount
         self._counts: Counter[str] = Counter()
         if poses is not None:
@@ -135,14 +142,14 @@ class _Read:
     """Frames of any other source. posed: whether to take its poses"""
 
     def __init__(self, source: PacketSource, *, posed: bool) -> None:
-        self._source, self._posed = source, posed
-        self.live = source.live
+        self._source, self._take_poses = source, posed
+        self.live, self.posed = source.live, source.poses is not None
 
     def __iter__(self) -> Iterator[Frame]:
         source = self._source
         framing = StreamSettings().framing
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
-        return with_poses(cut, source.poses if self._posed else None, source.mount)
+        return with_poses(cut, source.poses if self._take_poses else None, source.mount)
 
     def finish(self) -> None:
         self._source.finish()
@@ -154,7 +161,7 @@ class _Read:
 class _Streamed:
     """Decoded frames of a live stream over Zenoh, until its publisher stops. None is skipped, which slows it down."""
 
-    live = True
+    live, posed = True, False
 
     def __init__(self, stream: LiveStream, key: str, mount: Mounting | None) -> None:
         self._stream, self._key, self._mount = stream, key, mount
@@ -231,6 +238,8 @@ class _Written:
     second_returns: int = 0
     returns: int = 0
     columns: int = 0
+    packets: int | None = None
+    posed: bool = False
     model: str = ""
 
 
@@ -250,11 +259,12 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
         if first is None:
             source.say()
             raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
-        written = _Written()
+        written = _Written(posed=source.posed)
         with opened(wanted.out, wanted.form, output.beside, wanted.names) as writer:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
                 tick()
+            written.packets = writer.packets if isinstance(writer, PcapOutput) else None
         if wanted.form.first_returns and not written.returns:
             raise _without_points(name, out, frame.sensor.model, written)
         part = watched.cut or (
@@ -274,7 +284,7 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     cloud = wanted.placing.points(frame) if wanted.form.points else NO_CLOUD
     writer.write(frame, cloud)
     written.frames += 1
-    written.model = frame.sensor.model
+    written.model, written.posed = frame.sensor.model, written.posed or frame.pose is not None
     written.returns, written.columns = written.returns + frame.points, written.columns + frame.width
     written.points += len(cloud) if wanted.form.points else frame.points
     written.positions += positions_in(frame)
@@ -300,7 +310,7 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     folder = kept.is_dir()
     found = Converted(
         output=str(kept), form=wanted.form.name, files=sum(1 for _ in kept.iterdir()) if folder else 1, beside=[],
-        frames=written.frames, packets=None, points=written.points, positions=written.positions,
+        frames=written.frames, packets=written.packets, points=written.points, positions=written.positions,
         bytes=kept.stat().st_size if kept.is_file() else None,
     )  # fmt: skip
     if layers is not None:
@@ -309,10 +319,11 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
         found["second_returns_left_out"] = written.second_returns
     files = f", a file for each ({wanted.form.name}{'' if wanted.chosen else INSTEAD})" if folder else ""
     files = ", a rosbag2" if folder and wanted.form.is_bag else files
-    text = f"{kept}: {counted(written.frames, 'frame')}{files}, {counted(written.points, 'point')}"
+    packets = "" if written.packets is None else f", {counted(written.packets, 'packet')}"
+    text = f"{kept}: {counted(written.frames, 'frame')}{packets}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
         text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"
     text += positions_text(wanted.out, written.positions, written.model)
     if wanted.form.points and written.frames > 1 and not folder and not wanted.placing.merge:
-        text += f". {APART}"
+        text += f". {APART}{BY_POSES * written.posed}"
     tell(found, text, wanted.as_json)

@@ -12,9 +12,10 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 
 class PcapOutput:
-    """Writes the packets as the sensor sent them, with their host times."""
+    """Writes the packets as the sensor sent them, with their host times. packets: how many so far"""
 
     def __init__(self, path: Path) -> None:
+        self.packets = 0
         self._handle = path.open("wb")
         self._writer = PcapWriter(self._handle)
 
@@ -23,6 +24,7 @@ class PcapOutput:
             raise SettingsError("a capture cannot hold point clouds: write .mcap, .npz, .ply or .las")
         for packet in packets_of(frame):
             self._writer.write(packet)
+            self.packets += 1
 
     def close(self) -> None:
         self._handle.close()

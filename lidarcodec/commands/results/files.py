@@ -131,7 +131,10 @@ class Verified(TypedDict):
     changed: Annotated[list[Any], "settings that changed while it was recorded"]
     short_turns: Annotated[int, "compared turns that lack columns already in the source"]
     source_lacks: Annotated[str, "these turns, and whole turns that are missing, in a sentence; empty without any"]
-    broken: Annotated[list[str], "promises that are broken, a sentence each; the exit code is 1 if there are any"]
+    broken: Annotated[list[str], "what is not as promised, a sentence each; the exit code is 1 if there is anything"]
+    incomplete: Annotated[
+        list[str], "those of `broken` that `--allow-part` accepts: they say nothing against the recording"
+    ]
 
 
 class Labelled(TypedDict):

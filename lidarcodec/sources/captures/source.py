@@ -78,7 +78,8 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
             f"{path} holds points, which cannot become packets again: give the capture or recording that they come from"
         )
     what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
-    raise SourceError(f"{path} is not a pcap or pcapng file: {what}")
+    kind = "a recording (.mcap)" if path.suffix.lower() == ".mcap" else "a pcap or pcapng file"
+    raise SourceError(f"{path} is not {kind}: {what}")
 
 
 class CaptureSource(PacketSource):
