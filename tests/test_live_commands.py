@@ -152,7 +152,7 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
         publishing.send_signal(signal.SIGTERM)  # `timeout`, for one, makes two signals of one
         said, complaints = publishing.communicate(timeout=90)
     assert publishing.returncode == 0, complaints
-    assert "frames in" in said
+    assert " a second, in " in said
     receiving.send_signal(number)
     out, complaints = receiving.communicate(timeout=90)
     assert receiving.returncode == 0, complaints
@@ -279,6 +279,15 @@ def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatc
     monkeypatch.setattr("sys.stderr", stream := Terminal())
     say_begun(["car-7/roof"], Endpoints(connect=("tcp/127.0.0.1:7447",)), waits=True)
     assert "begins when there is a receiver" in stream.getvalue()
+
+
+def test_what_cannot_listen_does_not_say_first_that_it_publishes():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        done = run_here("publish", "sim:road?frames=1", "--listen", f"tcp/127.0.0.1:{taken.getsockname()[1]}")
+    assert done.returncode == 1
+    assert "publishing" not in the_one_line(done)
 
 
 @pytest.mark.parametrize(

@@ -47,25 +47,32 @@ def opened(handle: BinaryIO, path: Path) -> bytes:
 def records(handle: BinaryIO, path: Path, order: str, skip_damage: bool) -> Iterator[Record]:
     """Complete records of a file, after its header."""
     number = 0
-    while (head := handle.read(16)) and (record := _record(handle, head, order)) is not None:
+    while head := handle.read(16):
+        record = _record(handle, head, order)
+        if not isinstance(record, Record):
+            what, why = record
+            damage = f"{path} is {what}: record {number} {why}"
+            if not skip_damage:
+                raise SourceError(f"{damage}. Use --allow-gap to take the packets before that place")
+            log.warning("%s. Only the packets before that place were read", damage)
+            return
         yield record
         number += 1
-    if head:
-        damage = f"{path} is damaged: packet {number} and the rest are incomplete"
-        if not skip_damage:
-            raise SourceError(f"{damage}; use --allow-gap to take the other packets")
-        log.warning("%s and were skipped", damage)
 
 
-def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
-    """The record with this header. None if it is cut off, or all zeros, as after a power failure."""
+def _record(handle: BinaryIO, head: bytes, order: str) -> Record | tuple[str, str]:
+    """The record with this header. Else what the file is, and why, in the words in which a CaptureSource says it."""
     if len(head) < 16:
-        return None
+        return "truncated", f"has {len(head)} of its bytes"
     seconds, fraction, length, original = struct.unpack(f"{order}IIII", head)
-    if length > _MAX_RECORD or not (seconds or length or original):
-        return None
+    if not (seconds or length or original):  # as after a power failure
+        return "damaged", "and what follows are zeros"
+    if length > _MAX_RECORD:
+        return "damaged", f"claims {length} bytes (limit {_MAX_RECORD})"
     data = handle.read(length)
-    return Record((seconds, fraction), head + data) if len(data) == length else None
+    if len(data) < length:
+        return "truncated", f"has {16 + len(data)} of its bytes"
+    return Record((seconds, fraction), head + data)
 
 
 def read_table(path: Path) -> bytes:

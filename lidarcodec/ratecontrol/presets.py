@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, Final, NamedTuple
 
 from lidarcodec.errors import SettingsError
-from lidarcodec.settings import AUTO, Purpose
+from lidarcodec.settings import AUTO, Purpose, StreamSettings
 
 ROOM: Final = 0.8
 """Target of a preset as a share of the link's bitrate. At 80 % a link has no queue; at 91 % it has one."""
@@ -31,10 +31,17 @@ class Preset(NamedTuple):
         """The settings of the preset."""
         return {"purpose": self.purpose, "codec": self.codec, "target_kbps": self.target_kbps}
 
-    @property
-    def text(self) -> str:
-        """The settings as text, as on the command line."""
-        return ", ".join(f"{key}={'null' if value is None else _plain(value)}" for key, value in self.settings.items())
+    def told(self, settings: StreamSettings) -> str:
+        """What a preset sets of these settings, as on the command line, and which of its own others replaced.
+
+        >>> preset("1mbit").told(StreamSettings(purpose="look", codec="pcodec", target_kbps=800))
+        'purpose=look, target_kbps=800; codec=pcodec is used, as given'
+        """
+        found = {key: getattr(settings, key) for key in self.settings}
+        here = [_said(key, value) for key, value in found.items() if value == self.settings[key]]
+        others = [_said(key, value) for key, value in found.items() if value != self.settings[key]]
+        are = "is" if len(others) == 1 else "are"
+        return (", ".join(here) or "nothing") + f"; {', '.join(others)} {are} used, as given" * bool(others)
 
 
 PRESETS: Final = {
@@ -59,5 +66,5 @@ def preset(name: str) -> Preset:
     return PRESETS[name]
 
 
-def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _said(key: str, value: object) -> str:
+    return f"{key}={'null' if value is None else f'{value:g}' if isinstance(value, float) else value}"

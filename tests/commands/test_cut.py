@@ -1,10 +1,12 @@
 """`cut`: parts of recordings decode alone, parts of captures are the same packets, and `join` puts them together."""
 
 import json
+import re
 
 import pytest
 
 from lidarcodec.recording import RecordingReader
+from lidarcodec.wire import unpack
 from tests.command_line import run_here, the_one_line
 from tests.commands.test_json import check
 from tests.recording.damaged import damaged_message
@@ -45,6 +47,15 @@ def test_a_part_begins_with_the_key_frame_that_it_needs_and_decodes_alone(drive,
 
 
 @pytest.mark.sweep
+def test_who_wants_an_exact_beginning_is_told_the_command(drive, tmp_path):
+    out = tmp_path / "a.mcap"
+    told = run_here("cut", drive / "drive.mcap", out, "--skip", 4, "--frames", 2).stdout
+    words = re.search(r"To begin exactly: `lidarcodec (.*)`", told)[1].split()
+    assert words[3:] == ["--skip", "4", "--frames", "2", "--codec", "pcodec", "--force"]
+    assert run_here(*words).returncode == 0
+    assert [unpack(data).frame_index for _, data in messages(out)] == [4, 5]
+
+
 def test_parts_joined_again_are_the_recording(drive, tmp_path):
     found = cut(drive / "drive.mcap", tmp_path / "p.mcap", "--every", 0.3)
     assert [one.rpartition("-")[2] for one in found["outputs"]] == ["000.mcap", "001.mcap", "002.mcap"]

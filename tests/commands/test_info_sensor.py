@@ -31,6 +31,16 @@ def test_info_names_the_sensor_of_a_recording(tmp_path, model, form):
     assert name.replace("-", "") in found["sensor"].replace("-", "").replace(" ", "")
 
 
+@pytest.mark.parametrize("model", SOURCES)
+def test_info_says_of_each_sensor_by_what_it_was_recognised(tmp_path, model):
+    """Of an HDL-64E it did not."""
+    out = tmp_path / "drive.pcap"
+    assert run_here("convert", SOURCES[model][0], str(out), "--frames", "1").returncode == 0
+    found = json.loads(run_here("info", str(out), "--json").stdout)
+    assert (found["rows"], found["range_step_m"] > 0) == (SOURCES[model][2], True)
+    assert found["evidence"] not in ("", "named by --model")
+
+
 @pytest.mark.parametrize("model", ["hdl64e", "vlp16"])
 def test_a_section_that_was_cut_or_changed_is_refused_or_named_but_never_ends_info(model):
     section = encode_calibration(find_sensor(None, None, [], model), key=True)

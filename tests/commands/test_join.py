@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from ipaddress import ip_address
 from pathlib import Path
@@ -206,10 +207,21 @@ def test_a_capture_whose_end_is_lost_is_joined_only_if_that_is_meant(drive: Path
     assert run_here("convert", drive, second, "--skip", 3).returncode == 0
     first.write_bytes(first.read_bytes() + tail)
     refused = run_here("join", first, second, out)
-    assert (refused.returncode, "packet 1077 and the rest are incomplete" in refused.stderr) == (1, True)
+    assert (refused.returncode, "is damaged: record 1077 " in refused.stderr) == (1, True)
     assert not out.exists()
     assert run_here("join", first, second, out, "--allow-gap").returncode == 0
     assert packets_in(out) == packets_in(drive)
+
+
+def test_a_capture_that_was_cut_off_is_told_of_in_the_same_words_by_all_commands(drive: Path, tmp_path: Path, caplog):
+    """`cut` called it damaged, all other commands truncated."""
+    short = tmp_path / "short.pcap"
+    short.write_bytes(drive.read_bytes()[:400_500])
+    packets_in(short)
+    assert run_here("cut", short, tmp_path / "cut.pcap", "--to", "0.02").returncode == 0
+    first, second = (one for one in caplog.messages if "calibration" not in one)
+    assert first == second
+    assert re.search(r"short.pcap is truncated: record \d+ has \d+ of its bytes", first)
 
 
 def test_files_of_a_live_recording_are_joined_though_settings_changed(drive: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from lidarcodec.commands.settings import one_setting, sweep
 from lidarcodec.errors import SettingsError, UnknownNameError
+from lidarcodec.ratecontrol.presets import preset
 
 
 def test_a_field_of_the_stream_goes_to_the_stream_and_another_to_the_codec():
@@ -54,6 +55,13 @@ def test_a_key_given_twice_is_refused_instead_of_the_last_one_winning():
         one_setting("zstd", ["level=3", "level=9"])
     with pytest.raises(SettingsError, match="twice"):
         one_setting("zstd", ["codec=pcodec"])
+
+
+def test_of_a_link_only_what_is_in_force_is_told():
+    """`--link 1mbit --codec pcodec` said codec=auto."""
+    assert preset("1mbit").told(one_setting(None, [], "1mbit")) == "purpose=look, codec=auto, target_kbps=800"
+    told = preset("1mbit").told(one_setting("pcodec", ["target_kbps=500"], "1mbit"))
+    assert told == "purpose=look; codec=pcodec, target_kbps=500 are used, as given"
 
 
 def test_a_link_in_the_way_of_two_layers_is_named():

@@ -24,6 +24,7 @@ from lidarcodec.transport import Transport
 from lidarcodec.transport.asking import reason_of, retry_of, until_answered
 from lidarcodec.transport.part_size import MAX_PART, PartSize
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec.untrusted.times import rfc_3339
 
 logger = logging.getLogger(__name__)
 
@@ -140,9 +141,23 @@ class Fetch:
             self._pause(1.0)
         self.waiting = None
         if not self.plan.pieces:
-            raise SourceError("the vehicle has nothing from this time: ask for another, or see what it keeps")
+            raise SourceError(f"the vehicle has nothing from this time: {self._kept()}")
         self.plan.listed = True
         self.plan.store(self._plan_file)
+
+    def _kept(self) -> str:
+        """What the vehicle keeps, in words."""
+        try:
+            spans = self._ask_object({"ask": "spans"}).get("spans")
+        except SourceError:
+            return "ask for another"
+        times = [at for span in spans if isinstance(span, list) for at in span] if isinstance(spans, list) else []
+        if any(not isinstance(at, int) or isinstance(at, bool) or not 0 <= at < 2**63 for at in times):
+            return "ask for another"
+        if not times:
+            return "it has kept nothing yet"
+        gaps = ", with gaps" * (len(times) > 2)
+        return f"ask for one from {rfc_3339(min(times))} to {rfc_3339(max(times))}{gaps}"
 
     # --- pieces -----------------------------------------------------------------------------------------------------
 

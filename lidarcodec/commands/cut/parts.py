@@ -64,8 +64,13 @@ def write(
     return written, count
 
 
-def say(wanted: Cut, written: list[Path], beside_them: list[Path], count: int, what: str, earlier: int) -> None:
-    """Print what was written. what: messages or packets;  earlier: frames before the wanted ones, which they need"""
+def say(
+    wanted: Cut, written: list[Path], beside_them: list[Path], count: int, what: str, earlier: int, instead: str = ""
+) -> None:
+    """Print what was written. what: messages or packets;  earlier: frames before the wanted ones, which they need
+
+    instead: a sentence on how to have none
+    """
     result = CutOut(
         outputs=[str(path) for path in written],
         beside=[str(path) for path in beside_them],
@@ -81,7 +86,7 @@ def say(wanted: Cut, written: list[Path], beside_them: list[Path], count: int, w
         text += f"; it begins with the key frame that the others need, {earlier} earlier than asked"
     if beside_them:
         text += f"; calibration in {beside_them[0]}" + f" and {len(beside_them) - 1} more" * (len(beside_them) > 1)
-    tell(result, text, wanted.as_json)
+    tell(result, text + instead, wanted.as_json)
 
 
 def _kept(written: list[Path]) -> str:

@@ -41,11 +41,14 @@ class Unit(NamedTuple):
 @dataclass(frozen=True)
 class Plan:
     """Which units are copied, and where parts begin. starts: numbers of the first units of all parts;  end: the number
-    after the last unit;  earlier: frames before the wanted ones"""
+    after the last unit;  earlier: copied frames before the wanted ones;  skipped: all frames before the wanted ones;
+    frames: wanted ones"""
 
     starts: tuple[int, ...]
     end: int
     earlier: int
+    skipped: int = 0
+    frames: int = 0
 
     def part(self, unit: int) -> int | None:
         """The part of a unit; None if it is not copied."""
@@ -87,7 +90,13 @@ def run(wanted: Cut) -> None:
         written, count = write(wanted, numbered(copied, plan), write_part)
     if damaged:
         log.warning("%s: copied as they are, though damaged: %s", wanted.source, counted(damaged, "message"))
-    say(wanted, written, [], count, "messages", plan.earlier)
+    instead = ""
+    if plan.earlier and wanted.every_ns is None:
+        numbers = f"--skip {plan.skipped} --frames {plan.frames}"
+        instead = (
+            f". To begin exactly: `lidarcodec encode {wanted.source} {wanted.out} {numbers} --codec pcodec --force`"
+        )
+    say(wanted, written, [], count, "messages", plan.earlier, instead)
 
 
 def _is_unit(channel: Channel) -> bool:
@@ -118,7 +127,7 @@ def planned(units: Sequence[Unit], selection: Selection, every_ns: int | None) -
 
     >>> units = [Unit(n * 10**8, n % 2 == 0, 1) for n in range(6)]
     >>> planned(units, Selection(skip=3, frames=2), None)
-    Plan(starts=(2,), end=5, earlier=1)
+    Plan(starts=(2,), end=5, earlier=1, skipped=3, frames=2)
     >>> planned(units, Selection(begin="0.2"), 2 * 10**8).starts
     (2, 4)
     """
@@ -137,7 +146,10 @@ def planned(units: Sequence[Unit], selection: Selection, every_ns: int | None) -
             part_ns = units[number].stamp_ns
     if start >= end:
         return Plan((), 0, 0)
-    return Plan(tuple(starts), end, sum(unit.frames for unit in units[start:first]))
+    earlier, skipped, frames = (
+        sum(unit.frames for unit in of) for of in (units[start:first], units[:first], units[first:end])
+    )
+    return Plan(tuple(starts), end, earlier, skipped, frames)
 
 
 class _Counted(NamedTuple):

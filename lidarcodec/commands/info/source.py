@@ -20,7 +20,7 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import StatusReader
 from lidarcodec.sensors.clouds.sensor import cloud_evidence
 from lidarcodec.sensors.models.table import sensor_of
-from lidarcodec.sensors.recognise import STREAM_PACKETS
+from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import LIVE, parse
@@ -28,9 +28,11 @@ from lidarcodec.sources.table import SCHEMES, kind_of
 from lidarcodec.sources.unit_calibration import remark_on
 from lidarcodec.units import FRAME_PACKETS
 
-LOOK_PACKETS = 10 * FRAME_PACKETS
+LOOK_FRAMES = 10
 """Number of frames read from a source without an end."""
-LOOK_CLOUDS = 10
+LOOK_PACKETS = 10 * LOOK_FRAMES * FRAME_PACKETS
+"""Most packets read of it: some sensors have thousands in a turn."""
+LOOK_CLOUDS = LOOK_FRAMES
 """The same for a source whose packets are point clouds."""
 QUIET_S = 10.0
 """Default of the option `idle` here: `info` should not wait long for a live source that sends nothing."""
@@ -91,7 +93,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     first: list[bytes] = []
     with (
         open_source(_limited(spec), calibration=calibration, points=False) as source,
-        progress("reading packets", limit) as tick,
+        progress("reading packets") as tick,
     ):
         sensor = source.sensor
         assembler = Assembler(sensor)
@@ -103,15 +105,15 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
             packets += 1
             if sensor.is_hdl64e:
                 status.push(packet.payload)
-            elif len(first) < (1 if sensor.is_cloud else STREAM_PACKETS):
+            if len(first) < (1 if sensor.is_cloud else STREAM_PACKETS):
                 first.append(packet.payload)
             if frame is not None:
                 totals.add(frame, _cells(frame))
             tick()
-            if packets == limit:
+            if packets == limit or (limit is not None and totals.frames == LOOK_FRAMES):
                 break
         last = assembler.flush()
-        if last is not None:
+        if last is not None and (limit is None or totals.frames < LOOK_FRAMES):
             totals.add(last, _cells(last))
         noticed = source.counts + assembler.counts
         if source.live and not packets + positions:
@@ -130,7 +132,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "what": label,
         "sensor": sensor.name,
         "model": sensor.model,
-        **({} if sensor.is_hdl64e else _about(sensor, first)),
+        **_about(sensor, first),
         "calibration": {"origin": sensor.origin, "hash": sensor.hash},
         **({"note": remark} if remark else {}),
         "packets": packets,
@@ -190,7 +192,12 @@ def _cells(frame: Frame) -> int:
 
 
 def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
-    """Facts about a sensor other than an HDL-64E: rows, range step, planes, and the evidence for its model."""
+    """Facts about a sensor: rows, range step, planes, and the evidence for its model."""
+    if sensor.is_hdl64e:
+        seen = recognised(payloads) if payloads else None
+        evidence = seen.evidence if seen is not None and seen.model == sensor.model else "named by --model"
+        facts = {"rows": sensor.rows, "range_step_m": sensor.range_step_m, "planes": "range intensity"}
+        return {"evidence": evidence, **facts}
     if sensor.is_cloud:
         evidence = next((found for payload in payloads if (found := cloud_evidence(payload))), "named by --model")
         return {"evidence": evidence, "rows": sensor.rows}

@@ -115,7 +115,7 @@ def run(
         look_in(weights_dir)
     settings = one_setting(codec, pairs, link)
     if link is not None:
-        print(f"--link {link} sets {preset(link).text}", file=sys.stderr)
+        print(f"--link {link} sets {preset(link).told(settings)}", file=sys.stderr)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
     own_poses = poses == OWN_POSES
     with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
@@ -138,9 +138,12 @@ def run(
         )
         health = health_file_or_nothing(health_file, lambda: [SensorState.of(publisher.status())])
         stream = f"{publisher.keys.vehicle}/{publisher.keys.sensor}"
-        with stoppable(publisher.interrupt), health, told_ready(f"publishing {stream}", publisher.status):
+        ready = told_ready(f"publishing {stream}", publisher.status)
+        with stoppable(publisher.interrupt), health, publisher, ready:
             say_begun([stream], endpoints, waits=frames_a_second == "max" and not source.live)
-            publisher.run()
+            publisher.wait()
+        if publisher.failure is not None:
+            raise publisher.failure
     say_unkept(spec, Counter(publisher.status()["source"]))
     tell_of([publisher.status()], as_json)
 

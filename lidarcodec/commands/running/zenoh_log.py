@@ -1,4 +1,5 @@
 """Redirects Zenoh's log from standard output to standard error, one line of each kind a minute; others are counted.
+Lines that nobody can act on are left out.
 
 Zenoh writes its log without Python, with a line for every refused connection, so strangers could fill a disk. If the
 variable RUST_LOG is set, the log is passed on unchanged.
@@ -22,6 +23,9 @@ MOST_KINDS: Final = 32
 """Most kinds of lines. Strangers can choose words in a line, so there is a limit; all further kinds count as one."""
 END_S: Final = 1.0
 MAX_LINE: Final = 4096
+NO_MATTER: Final = ("zenoh::api::admin: Unable to find transport for link event",)
+"""Parts of lines that mean nothing here. This one is about Zenoh's own list of links, in which a session tells itself
+what it is connected to: lidarcodec does not read it."""
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 _OTHERS: Final = "other lines"
 
@@ -43,6 +47,8 @@ class Sparse:
 
     def passed(self, line: str) -> str | None:
         """The line, with the number of omitted lines of its kind; None if this line is omitted."""
+        if any(one in line for one in NO_MATTER):
+            return None
         kind = kind_of(line)
         if kind not in self._kinds and len(self._kinds) >= MOST_KINDS:
             kind = _OTHERS
@@ -98,7 +104,7 @@ def _pass_on(reading: int) -> None:
 def _write(line: str | None) -> None:
     if line is not None:
         with contextlib.suppress(OSError):  # no reader: continue, otherwise Zenoh would block
-            os.write(2, f"{printable(line)}\n".encode())
+            os.write(2, f"Zenoh: {printable(line)}\n".encode())
 
 
 zenoh_log: Final = ZenohLog()

@@ -42,7 +42,10 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       )}
       {rate?.intensity !== undefined && rate.intensity !== "lossless" && <p>Intensity: {plain(rate.intensity)}</p>}
       {rate && stream?.status?.left_out ? (
-        <p class="warn">{count(stream.status.left_out)} frames were left out to keep the target bitrate.</p>
+        <p class="warn">
+          {count(stream.status.left_out)} {stream.status.left_out === 1 ? "frame was" : "frames were"} left out to keep
+          the target bitrate.
+        </p>
       ) : null}
       {reduction?.kept != null && (
         <p>

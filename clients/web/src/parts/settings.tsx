@@ -176,7 +176,7 @@ export function SettingsForm({ name }: { name: string }) {
       {fieldFor("codec")}
       {codec?.reach && (
         <p class="help reach">
-          Ranges take {Math.round(codec.reach.range_kbps[0]).toLocaleString("en")} to{" "}
+          Ranges of an HDL-64E take {Math.round(codec.reach.range_kbps[0]).toLocaleString("en")} to{" "}
           {Math.round(codec.reach.range_kbps[1]).toLocaleString("en")} kbit/s, depending on{" "}
           <code>{codec.reach.setting}</code>. Mask and intensity are added to that.
         </p>
