@@ -21,7 +21,7 @@ from lidarcodec.maps.file import MapReader
 from lidarcodec.maps.localise.accuracy import SCANS, Scans, seen
 from lidarcodec.maps.points import MapPoints
 
-SIMULATED: Final = ("road", "road-2", "road-3", "motorway", "bend", "city")
+SIMULATED: Final = ("road", "road-2", "road-3", "motorway", "bend", "city", "city-2")
 DRIVES: Final = {
     "road": "sim:road?frames=150",
     "road-2": "sim:road?seed=2&frames=150",
@@ -33,6 +33,8 @@ DRIVES: Final = {
     "0005": str(DATA / "kitti_0005.pcap.xz"),
     "0001": str(DATA / "kitti_0001_f000-089.pcap.xz"),
 }
+OTHERS: Final = {"city-2": "sim:city?seed=2&frames=150"}
+"""Drives that scans are not looked for in."""
 CALIBRATION: Final = DATA / "kitti_hdl64e_s2_recovered_db.xml"
 STRIDE: Final = 3
 STEP_UM: Final = 20_000
@@ -71,7 +73,7 @@ def case_of(name: str, cache: Path) -> Case:
 
 def _make(name: str, cache: Path, kept: Path) -> None:
     """Read the drive, build its map of the scans that are not looked for, and keep all."""
-    drive = read_drive(DRIVES[name], calibration=None if name in SIMULATED else CALIBRATION)
+    drive = read_drive((DRIVES | OTHERS)[name], calibration=None if name in SIMULATED else CALIBRATION)
     known = cache / f"{name}-traj.npz"
     if not known.exists():
         cache.mkdir(parents=True, exist_ok=True)
