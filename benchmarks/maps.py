@@ -174,6 +174,8 @@ TABLES: Final = {
 }
 """Title and columns of each table, by the name of its result."""
 PLAIN: Final = ("voxel", "random")
+TIMES: Final = 1.5
+"""How much larger than with the whole map an error may be."""
 
 
 def order_of(label: str) -> tuple[int, float, int]:
@@ -182,18 +184,31 @@ def order_of(label: str) -> tuple[int, float, int]:
     return list(DRIVES).index(drive), -float(share), ["whole", *METHODS].index(by)
 
 
+def error_of(row: list[str]) -> tuple[float, float]:
+    """Mean error of whole scans in millimetres, and its standard error; infinite where no scan was found."""
+    if row[5] == "-":
+        return np.inf, 0.0
+    mean, _, error = row[5].split()
+    return float(mean), float(error)
+
+
+def best_of(methods: dict[str, list[str]]) -> str:
+    """The method that loses the fewest scans, and of those the one with the smallest error."""
+    return min(methods, key=lambda by: (int(methods[by][7].split()[0]), error_of(methods[by])[0]))
+
+
 def verdict(rows: list[list[str]]) -> str:
     """What the table of localisation says, in sentences: where a plain choice of points is the best one."""
-    cells = {row[0]: (int(row[7].split()[0]), float(row[5].split()[0]) if row[5] != "-" else np.inf) for row in rows}
-    shares = dict.fromkeys(name.rpartition(" ")[0] for name in cells if not name.endswith("whole"))
+    of = {row[0]: row for row in rows}
+    shares = dict.fromkeys(name.rpartition(" ")[0] for name in of if not name.endswith("whole"))
     beaten = near = whole_kept = 0
     for share in shares:
-        found = {by: cells[f"{share} {by}"] for by in METHODS if f"{share} {by}" in cells}
-        best = min(found, key=lambda by: found[by])
-        whole = cells[f"{share.split()[0]} 100 % whole"]
+        found = {by: of[f"{share} {by}"] for by in METHODS if f"{share} {by}" in of}
+        best = best_of(found)
+        whole = of[f"{share.split()[0]} 100 % whole"]
         beaten += best in PLAIN
-        near += found[best][1] <= 1.5 * whole[1]
-        whole_kept += found[best][0] <= whole[0]
+        near += error_of(found[best])[0] <= TIMES * error_of(whole)[0]
+        whole_kept += int(found[best][7].split()[0]) <= int(whole[7].split()[0])
     return (
         f"A plain choice, `voxel` or `random`, is best in {beaten} of {len(shares)} cases, by lost scans, then by mean "
         f"error. With the best choice no more scans are lost than in the whole map in {whole_kept} cases. The error is "
