@@ -281,13 +281,18 @@ def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatc
     assert "begins when there is a receiver" in stream.getvalue()
 
 
-def test_what_cannot_listen_does_not_say_first_that_it_publishes():
+def test_what_cannot_listen_does_not_say_first_that_it_publishes(tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        done = run_here("publish", "sim:road?frames=1", "--listen", f"tcp/127.0.0.1:{taken.getsockname()[1]}")
-    assert done.returncode == 1
-    assert "publishing" not in the_one_line(done)
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        (tmp_path / "car.yaml").write_text(
+            f'vehicle: car\nlisten: ["{endpoint}"]\nsensors: [{{name: roof, source: "sim:road"}}]\n'
+        )
+        for words in (("sim:road?frames=1", "--listen", endpoint), ("--config", tmp_path / "car.yaml")):
+            done = run_here("publish", *words)
+            assert done.returncode == 1
+            assert "publishing" not in the_one_line(done)
 
 
 @pytest.mark.parametrize(

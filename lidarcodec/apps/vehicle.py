@@ -20,7 +20,7 @@ from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.past.answers import answers_of
 from lidarcodec.apps.past.keeper import Keep, Keeper, check_apart
 from lidarcodec.apps.publisher.originals import check_local
-from lidarcodec.apps.publisher.publisher import Publisher, Rate
+from lidarcodec.apps.publisher.publisher import START_S, Publisher, Rate
 from lidarcodec.apps.recorder import Record
 from lidarcodec.errors import LidarCodecError, TransportError
 from lidarcodec.mounting import Mounting
@@ -65,7 +65,7 @@ class Vehicle:
             check_local(endpoints or Endpoints())
         self.name, self._endpoints = name, endpoints
         self._transport: Transport | None = None
-        self._opening = threading.Lock()
+        self._opening, self._tried = threading.Lock(), threading.Event()
         self._stop = threading.Event()
         self._interrupted = False
         self._failure: TransportError | None = None
@@ -77,6 +77,16 @@ class Vehicle:
         """Begin with all sensors."""
         for sensor in self._sensors:
             sensor.start()
+
+    def opened(self) -> None:
+        """Wait until the network is open or cannot be opened, for a second at most: a sensor may be silent, or a router
+        out of reach.
+
+        Raises TransportError if the endpoints cannot be used.
+        """
+        self._tried.wait(START_S)
+        if self._failure is not None:
+            raise self._failure
 
     def wait(self) -> None:
         """Wait until every source has ended, or `interrupt` is called.
@@ -130,6 +140,8 @@ class Vehicle:
                     if not self._stop.is_set():
                         self._failure = error
                     raise
+                finally:
+                    self._tried.set()
             return self._transport
 
 

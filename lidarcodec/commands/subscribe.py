@@ -18,6 +18,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.coding_losses import CodingLosses
 from lidarcodec.frame import Frame
 from lidarcodec.transport.keys import PREFIX
+from lidarcodec.units import counted
 
 EVERY_S = 1.0
 SHOWN = 5
@@ -99,8 +100,9 @@ def line_of(summary: dict[str, Any], fps: float | None) -> str:
     """The state of a receiver, in one line. fps: the rate, of the last frames or of all"""
     latency = summary["latency_ms"]
     delay = "-" if latency["p50"] is None else f"{latency['p50']:.1f} ms (p99 {latency['p99']:.1f})"
+    rate = "" if fps is None else f", {fps:.1f} a second"
     return (
-        f"{summary.get('frames', 0)} frames, {fps or 0:.1f} a second, {summary.get('bytes', 0):,} bytes, "
+        f"{counted(summary.get('frames', 0), 'frame')}{rate}, {summary.get('bytes', 0):,} bytes, "
         f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
         + _refined(summary["refinements"])
     )

@@ -21,6 +21,7 @@ from lidarcodec.errors import DecodeError
 from lidarcodec.evaluation.sent import FEW, OFF, UNSAID, Sent
 from lidarcodec.layers import is_refinement
 from lidarcodec.settings import LATTICE
+from lidarcodec.units import counted
 from lidarcodec.wire import unpack
 
 WAYS: Final = {OFF: "left out", FEW: FEW, UNSAID: "not said to be whole"}
@@ -71,7 +72,7 @@ class CodingLosses:
             kept = ", not all returns sent"  # how many, only a status says
         far = [f"by at most {largest_m:g} m"] if largest_m else []
         far += ["by no known bound"] if unbounded and largest_m is None else []
-        far += [f"in {unbounded} frames by no known bound"] if unbounded and largest_m is not None else []
+        far += [f"in {counted(unbounded, 'frame')} by no known bound"] if unbounded and largest_m is not None else []
         return kept + f", ranges off {', '.join(far)}" * bool(far) + _intensity_text(found["intensity"])
 
     def _returns_percent(self, columns_percent: float | None) -> float | None:
@@ -88,4 +89,4 @@ def _intensity_text(frames: Mapping[str, int]) -> str:
         return ""
     if lossy[0][1] == total:
         return f", intensities {lossy[0][0]}"
-    return f", intensities {' and '.join(f'{text} in {number}' for text, number in lossy)} of {total} frames"
+    return f", intensities {' and '.join(f'{text} in {number}' for text, number in lossy)} of {counted(total, 'frame')}"

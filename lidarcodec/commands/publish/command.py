@@ -26,6 +26,7 @@ from lidarcodec.settings import AUTO
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.transport import Endpoints, party_of
+from lidarcodec.units import counted
 
 OWN_POSES = Path("source")
 MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
@@ -189,7 +190,8 @@ def summary_line(status: dict[str, Any]) -> str:
     """Totals of a stream, in one line."""
     rate = "" if status["mean_fps"] is None else f", {status['mean_fps']:.1f} a second,"
     return (
-        f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames{rate} in {status['bytes']:,} bytes sent, "
+        f"{status['vehicle']}/{status['sensor']}: {counted(status['frames'], 'frame')}{rate} in "
+        f"{status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
         + f", {status['left_out']} left out to keep the target" * bool(status["left_out"])
         + not_kept(status)

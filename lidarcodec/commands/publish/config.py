@@ -271,6 +271,7 @@ def run(
     health = health_file_or_nothing(health_file, running.states)
     ready = told_ready(f"publishing {', '.join(streams)}", running.states)
     with running, stoppable(running.interrupt) as stopped, health, ready:
+        running.opened()
         say_begun(streams, endpoints)
         running.wait()
         failures = {} if stopped() else running.failures()
