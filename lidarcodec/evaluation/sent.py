@@ -29,13 +29,14 @@ UNSAID: Final = "not said"
 class Sent:
     """Adds up messages: columns of their frames and those sent, bounds, and how intensities were sent.
 
-    sensor: the first that a key message describes. Bounds are told by its range step
+    sensor: the first that a key message describes. Bounds are told by the range step of the last one before a message
     """
 
     def __init__(self) -> None:
         self.sensor: Described | None = None
         self.intensity: Counter[str] = Counter()
-        self._bounds: Counter[tuple[int | None, float | None]] = Counter()
+        self._step_m: float | None = None
+        self._bounds: Counter[tuple[int | None, float | None, float | None]] = Counter()
         self._columns = self._sent = self._chosen = 0
 
     def add(self, message: Message) -> None:
@@ -43,8 +44,9 @@ class Sent:
 
         Raises DecodeError for a section that is damaged, UnsupportedVersionError for an unknown codec.
         """
-        if self.sensor is None:
-            self.sensor = _sensor_of(message)
+        found = _sensor_of(message)
+        if found is not None:
+            self.sensor, self._step_m = self.sensor or found, found.range_step_m
         promise, frames = promise_of(message), message.frame_count
         columns = sent = message.width
         if message.has(SectionType.LATTICE):
@@ -53,13 +55,13 @@ class Sent:
         elif promise.reduced:
             self._chosen += frames
         self._columns, self._sent = self._columns + columns, self._sent + sent
-        self._bounds[promise.step, promise.bound_m] += frames
+        self._bounds[promise.step, promise.bound_m, self._step_m] += frames
         self.intensity[_intensity_of(message)] += frames
 
     def result(self) -> dict[str, Any]:
         """`columns_percent`; `least_bound_m` and `largest_bound_m`, None without one; numbers of frames:
         `without_bound`, `reduced` by choice of returns, and `intensity`, by how it was sent."""
-        found = {(step, bound_m): self._bound_of(step, bound_m) for step, bound_m in self._bounds}
+        found = {one: self._bound_of(*one) for one in self._bounds}
         bounds = [bound for bound in found.values() if bound is not None]
         return {
             "columns_percent": round(100 * self._sent / self._columns, 2) if self._columns else None,
@@ -70,10 +72,12 @@ class Sent:
             "intensity": dict(self.intensity),
         }
 
-    def _bound_of(self, step: int | None, bound_m: float | None) -> float | None:
+    def _bound_of(self, step: int | None, bound_m: float | None, step_m: float | None) -> float | None:
+        """step_m: None for messages before the first key message, which are taken for those of its sensor"""
         if bound_m is not None or step is None:
             return bound_m
-        return bound_of(step, RANGE_STEP_M if self.sensor is None else self.sensor.range_step_m)
+        first_m = RANGE_STEP_M if self.sensor is None else self.sensor.range_step_m
+        return bound_of(step, first_m if step_m is None else step_m)
 
 
 def bounds_text(result: dict[str, Any]) -> str:

@@ -78,6 +78,9 @@ def test_bounds_are_told_in_the_steps_of_the_sensor_also_of_messages_before_a_ke
     frames = lidarcodec.read_frames("sim:road?sensor=os1-64&frames=2")
     messages = coded(list(frames), StreamSettings(codec="pcodec", max_error_m=0.003))
     assert losses_of(messages[::-1]).values()["largest_bound_m"] == 0.003
+    other = lidarcodec.read_frames("sim:road?sensor=vlp16&frames=2")  # with steps of 2 mm
+    messages += coded(list(other), StreamSettings(codec="pcodec", max_error_m=0.004))
+    assert losses_of(messages).values()["largest_bound_m"] == 0.004
 
 
 def test_a_status_or_a_message_that_makes_no_sense_is_no_error():
