@@ -85,6 +85,8 @@ def peek_refinement(data: bytes) -> Refinement:
     )
     if parts & ~(PART_RANGE | PART_INTENSITY):
         raise UnsupportedVersionError(f"refinement with parts {parts:#04x}: this build does not know all of them", 7)
+    if not parts:
+        raise HeaderError("a refinement without ranges and intensities refines nothing", 7)
     _check(total, HEAD.size + CHECKSUM_BYTES, MAX_MESSAGE, "size", 8)
     _check(ranges, 0, (total - HEAD.size - CHECKSUM_BYTES) * (parts & PART_RANGE), "size of the ranges", 48)
     if not parts & PART_INTENSITY:

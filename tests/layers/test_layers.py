@@ -141,7 +141,8 @@ def test_cut_and_mutated_refinements_change_nothing_or_are_within_the_base() -> 
         ({"step": 51}, "step is 51"),
         ({"base_step": 20_003}, "step of the base"),
         ({"columns": 0}, "number of columns"),
-        ({"ranges": None}, "step is 1"),
+        ({"ranges": None, "intensity": b"4"}, "step is 1"),
+        ({"ranges": None, "step": 51}, "refines nothing"),
         ({"frame_index": 2**63}, "frame index"),
     ],
 )
