@@ -32,7 +32,7 @@ from lidarcodec.maps.select.table import LEARNED, method
 from lidarcodec.maps.world import MapWorld
 
 SHARES: Final = (0.2, 0.15, 0.1, 0.05, 0.02)
-METHODS: Final = ("random", "voxel", "lp", "paper", "greedy", LEARNED)
+METHODS: Final = ("random", "voxel", "lp", "paper", "greedy", "information", LEARNED)
 ROUNDS: Final = 4
 Row = list[str]
 Rows = Iterator[tuple[str, Row]]

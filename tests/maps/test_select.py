@@ -104,7 +104,8 @@ def test_greedy_allots_as_if_it_took_the_largest_gain_each_time():
     assert allotted(weights, size, int(size.sum())).tolist() == size.tolist()
 
 
-def test_greedy_keeps_points_along_the_whole_path_and_the_few_that_face_along_it():
+@pytest.mark.parametrize("by", ["greedy", "information"])
+def test_points_along_the_whole_path_are_kept_and_the_few_that_face_along_it(by):
     """Thirty points face along the street, among ten thousand that do not."""
     along = np.array([[x * 100, 200, 100 + z] for x in range(10) for z in range(0, 30, 10)])
     values = {"normal_a": 31, "normal_b": 31, "count": 50, "first": 0, "last": 59}
@@ -116,8 +117,22 @@ def test_greedy_keeps_points_along_the_whole_path_and_the_few_that_face_along_it
             for name, column in TOWN.columns.items()
         },
     )
-    made, _ = compressed(town, "greedy", 600)
+    made, _ = compressed(town, by, 600)
     by_lot, _ = compressed(town, "random", 600)
     facing = [np.count_nonzero(made.normals[:, 0] > 0.9) for made in (made, by_lot)]
     assert facing[0] > max(3 * facing[1], 8)
     assert np.histogram(made.steps[:, 0] * 0.02, bins=10, range=(0, 60))[0].min() > 20
+
+
+def test_information_keeps_points_of_a_wall_before_those_of_a_hedge_that_as_many_scans_hit():
+    """A localiser measures distances to planes, so that points of a hedge lead it astray."""
+    steps = TOWN.steps.copy()
+    right = steps[:, 1] > 290
+    steps[right, 1] += np.random.default_rng(3).integers(-25, 26, np.count_nonzero(right))
+    made, _ = compressed(replace(TOWN, steps=steps), "information", 600)
+    assert np.count_nonzero(made.steps[:, 1] > 270) < 0.5 * np.count_nonzero(made.steps[:, 1] < -290)
+
+
+def test_information_needs_normals():
+    with pytest.raises(SettingsError, match="normals"):
+        compressed(TOWN.with_columns("count", "first", "last"), "information", 500)

@@ -128,8 +128,8 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, random, voxel (means of larger cells), paper or lp (integer programmes, extra `maps`), or "
-            "learned (a network).",
+            help="greedy, information (best in towns), random, voxel (means of larger cells), paper or lp (integer "
+            "programmes, extra `maps`), or learned (a network).",
         ),
     ] = "greedy",
     weights: Annotated[

@@ -44,18 +44,30 @@ def greedy(points: MapPoints, count: int, seed: int) -> Selection:
     """The points of the largest sum. Raises SettingsError for a map that does not say how often points were seen."""
     del seed
     check_seen(points, "greedy")
-    facing = _facing(points)
-    group, direction = _groups(points, facing)
+    group, direction = groups_of(points)
     hits = points.columns["count"].astype(np.int64)
-    worth = np.maximum(np.minimum(hits, MOST_COUNT) - SELDOM, LITTLE)
+    worth = worth_of(points)
     weights = np.bincount(group, worth).astype(np.float64)
     totals = np.bincount(direction, weights, DIRECTIONS)
     weights *= (weights.sum() / np.maximum(totals[direction], 1e-9)) ** SCARCE
+    return Selection(points.taken(foremost(group, weights, -hits, count)), {})
+
+
+def worth_of(points: MapPoints) -> Floats:
+    """(N,) by how many scans more than SELDOM each point was hit."""
+    hits = points.columns["count"].astype(np.int64)
+    found: Floats = np.maximum(np.minimum(hits, MOST_COUNT) - SELDOM, LITTLE)
+    return found
+
+
+def foremost(group: Ints, weights: Floats, key: Ints | Floats, count: int) -> Ints:
+    """Places of at most `count` points: of each group a number in proportion to its weight, with the least keys."""
     size = np.bincount(group)
-    wanted = allotted(weights, size, min(count, len(points)))
-    order = np.lexsort((-hits, group))
+    wanted = allotted(weights, size, min(count, len(group)))
+    order = np.lexsort((key, group))
     rank = np.arange(len(order)) - np.repeat(np.cumsum(size) - size, size)
-    return Selection(points.taken(np.sort(order[rank < np.repeat(wanted, size)])), {})
+    found: Ints = np.sort(order[rank < np.repeat(wanted, size)])
+    return found
 
 
 def allotted(weights: Floats, size: Ints, count: int) -> Ints:
@@ -79,8 +91,9 @@ def _facing(points: MapPoints) -> Ints:
     return np.where(normals[:, 2] > UP, 0, 1 + sector)
 
 
-def _groups(points: MapPoints, facing: Ints) -> tuple[Ints, Ints]:
+def groups_of(points: MapPoints) -> tuple[Ints, Ints]:
     """Group of each point (N,), and direction of each group (G,)."""
+    facing = _facing(points)
     cells = np.floor(points.xyz / CUBE_M).astype(np.int64)
     cells -= cells.min(axis=0, initial=0)
     spans = cells.max(axis=0, initial=0) + 1

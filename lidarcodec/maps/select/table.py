@@ -9,6 +9,7 @@ from typing import Final
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.maps.points import MapPoints
 from lidarcodec.maps.select.greedy import greedy
+from lidarcodec.maps.select.information import information
 from lidarcodec.maps.select.learned import learned_by
 from lidarcodec.maps.select.plain import random_points, voxel
 from lidarcodec.maps.select.point_net import read_point_net
@@ -19,6 +20,7 @@ Select = Callable[[MapPoints, int, int], Selection]
 """A function of (points, count, seed): at most `count` points."""
 METHODS: Final[dict[str, Select]] = {
     "greedy": greedy,
+    "information": information,
     "paper": paper,
     "lp": lp,
     "voxel": voxel,
