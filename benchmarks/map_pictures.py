@@ -23,7 +23,7 @@ KINDS: Final = {"choices": ("whole scans", 5, 7), "choices-thin": ("2 % of each 
 """Table, which scans, and the columns of their error and of what was lost."""
 CELLS: Final = (
     "Mean error in millimetres, and how many scans were lost. "
-    "`learned` was measured on two drives, `information` on four."
+    "`learned` was measured on two drives, `information` on six."
 )
 
 ABOVE: Final = (
