@@ -6,6 +6,7 @@ import json
 import math
 import signal
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -34,16 +35,16 @@ class Serving:
 
     def __init__(self, *maps, port=None):
         self.port = port or free_port()
-        self._process = start("map", "serve", *maps, "--listen", f"tcp/127.0.0.1:{self.port}", "--json")
-        self.names = json.loads(self._process.stdout.readline())["maps"]
+        self.process = start("map", "serve", *maps, "--listen", f"tcp/127.0.0.1:{self.port}", "--json")
+        self.names = json.loads(self.process.stdout.readline())["maps"]
 
     def endpoint(self):
         return f"tcp/127.0.0.1:{self.port}"
 
     def end(self, number):
-        self._process.send_signal(number)
-        _, errors = self._process.communicate(timeout=60)
-        return self._process.returncode, errors
+        self.process.send_signal(number)
+        _, errors = self.process.communicate(timeout=60)
+        return self.process.returncode, errors
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +112,17 @@ def test_a_fetch_goes_on_mid_tile_when_the_server_was_killed_and_is_back(town, t
         going = MapFetch(source)
         thread = threading.Thread(target=going.run, args=[tmp_path], daemon=True)
         thread.start()
-        assert eventually(lambda: list((tmp_path / "cache").glob("*.part")) and going.done > 0)
+
+        def stopped_in_a_tile():
+            """What was under way has come by then."""
+            first.process.send_signal(signal.SIGSTOP)
+            time.sleep(0.3)
+            if list((tmp_path / "cache").glob("*.part")) and going.done > 0:
+                return True
+            first.process.send_signal(signal.SIGCONT)
+            return False
+
+        assert eventually(stopped_in_a_tile)
         first.end(signal.SIGKILL)
         cut = {path.stem: path.stat().st_size for path in (tmp_path / "cache").glob("*.part")}
         assert cut
