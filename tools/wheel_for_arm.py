@@ -32,6 +32,7 @@ PYTHON = FOLDER / "environment" / "bin" / "python"
 VERSION = f"3.{sys.version_info.minor}"
 EMULATOR, COMPILER = "qemu-aarch64-static", "aarch64-linux-gnu-g++"
 CODECS = ("raw", "zstd", "pcodec", "predictive", "riddle")
+QUIET = ("--quiet", "--disable-pip-version-check", "--only-binary", ":all:")
 TESTERS = ("pytest", "pytest-timeout", "pytest-asyncio", "hypothesis")
 
 
@@ -130,16 +131,28 @@ def make_environment() -> None:
     made.parent.mkdir(exist_ok=True)
     made.write_text(f'#!/bin/sh\nexec {EMULATOR} -L {DEBIAN} -0 "$0" {DEBIAN}/usr/bin/python{VERSION} "$@"\n')
     made.chmod(0o755)
-    _pip("--require-hashes", "-r", ROOT / "requirements" / "server.txt", python=made)
-    _pip("-c", ROOT / "constraints.txt", *TESTERS, python=made)
+    server = ("--require-hashes", "-r", ROOT / "requirements" / "server.txt")
+    testers = ("-c", ROOT / "constraints.txt", *TESTERS)
+    wheels = FOLDER / "wheels"
+    for what in (server, testers):
+        _run(sys.executable, "-m", "pip", "download", *QUIET, *_platform(), "--dest", wheels, *what)
+        _pip("--no-index", "--find-links", wheels, *what, python=made)
     _run(sys.executable, "-m", "compileall", "-q", home / "lib")
     made.rename(PYTHON)
 
 
+def _platform() -> list[str]:
+    """Options of pip for wheels that the other Python can use: an emulator is slow at finding them."""
+    newest = int((os.confstr("CS_GNU_LIBC_VERSION") or "glibc 2.17").rpartition(".")[2])
+    tags = ["manylinux2014_aarch64", *(f"manylinux_2_{minor}_aarch64" for minor in range(17, newest + 1))]
+    words = ["--python-version", VERSION, "--implementation", "cp"]
+    words += [word for abi in (f"cp{VERSION.replace('.', '')}", "abi3", "none") for word in ("--abi", abi)]
+    return words + [word for tag in tags for word in ("--platform", tag)]
+
+
 def _pip(*words: object, python: Path = PYTHON) -> None:
-    """Installs, as that Python: it knows which wheels are for it. Bytecode is left to the quicker Python of here."""
-    quiet = ("--quiet", "--disable-pip-version-check", "--no-compile", "--only-binary", ":all:")
-    _run(python, FOLDER / "pip" / "pip", "install", *quiet, *words)
+    """Installs as that Python, which refuses what is not for it. Bytecode is left to the quicker Python of here."""
+    _run(python, FOLDER / "pip" / "pip", "install", *QUIET, "--no-compile", *words)
 
 
 def compare() -> None:
