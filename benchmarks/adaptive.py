@@ -1,12 +1,12 @@
 """`target_kbps=auto` against plain policies, on a link that is cut and restored while the stream runs.
 
-    python -m benchmarks.adaptive [--link namespaces|relay] [--source CAPTURE] [--policy auto]... [--json]
+    python -m benchmarks.adaptive [--link namespaces|relay] [--source CAPTURE] [--policy auto]... [--json] [--save]
 
 The link carries 20, 4, 1, 0.4, then 20 Mbit/s again. All settings but the target are defaults. There is a row for each
 policy and part of the run, without the first 2 seconds of the part: latency from a frame's last packet to the decoded
 frame, frames shown a second, age of the newest frame shown (looked at every 10 ms), RMSE and largest error of measured
 ranges, the step between the columns that were sent, and after the last change how long until the target was back at
-nine tenths of the first.
+nine tenths of the first. --save writes benchmarks/results/links/LINK.csv, from which `make evidence` writes the table.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks import results
 from benchmarks.latency import free_port
 from benchmarks.link_ends import PLAIN
 from benchmarks.links import Link, Namespaces, Relayed
@@ -30,6 +31,11 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT.parent / "shared" / "data" / "kitti_0005.pcap.xz"
 PARTS = ((20_000.0, 10.0), (4_000.0, 12.0), (1_000.0, 12.0), (400.0, 14.0), (20_000.0, 14.0))
 """Kbit/s and seconds of each part."""
+TITLES = {
+    "namespaces": "A link that changes: two network namespaces joined by `tc tbf`",
+    "relay": "A link that changes: a relay on loopback with megabytes of buffers, as behind a modem with a long queue",
+}
+ABOUT = "KITTI 0005, defaults but for the target. Without the first 2 seconds after each change of the link."
 ADAPTING_S = 2.0
 READY_S = 60.0
 BACK = 0.9
@@ -89,11 +95,20 @@ def percentile(values: Sequence[float], q: float) -> float | None:
 
 
 def play(
-    link: Link, policy: str, source: str, parts: Sequence[tuple[float, float]] = PARTS, **settings: Any
+    link: Link,
+    policy: str,
+    source: str,
+    parts: Sequence[tuple[float, float]] = PARTS,
+    keep: Path | None = None,
+    **settings: Any,
 ) -> tuple[list[float], End, End]:
-    """Host times at which the parts began, the last entry the end, and the two ends with all they said."""
+    """Host times at which the parts began, the last entry the end, and the two ends with all they said.
+
+    keep: folder for the frames that were received and compared
+    """
     link.rate(parts[0][0])
-    receiver = End(link, "receive", "receiver", policy=policy, source=source, connect=link.connect)
+    kept = {} if keep is None else {"keep": str(keep)}
+    receiver = End(link, "receive", "receiver", policy=policy, source=source, connect=link.connect, **kept)
     receiver.wait("ready")
     chosen = POLICIES[policy] | settings
     publisher = End(link, "publish", "publisher", policy=policy, source=source, listen=link.listen, settings=chosen)
@@ -187,6 +202,7 @@ def main() -> int:
     parser.add_argument("--policy", action="append", choices=tuple(POLICIES), help="all by default")
     parser.add_argument("--delay-ms", type=float, default=0.0, help="each way; relay only")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--save", action="store_true")
     options = parser.parse_args()
     if options.link == "namespaces" and (why := Namespaces.missing()):
         print(why, file=sys.stderr)
@@ -201,6 +217,8 @@ def main() -> int:
         with link:
             found += rows(policy, *play(link, policy, options.source))
     print(json.dumps(found, indent=2) if options.json else table(found), end="")
+    if options.save:
+        results.save(f"links/{options.link}", f"# {TITLES[options.link]}\n\n{ABOUT}\n\n{table(found)}")
     return 0
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -27,6 +28,7 @@ from benchmarks.scenes import FRAMING
 from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.receiver.stats import last_packet_ns
 from lidarcodec.errors import MissingReferenceError
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
@@ -130,8 +132,11 @@ def publish_plain(policy: str, source: str, listen: str, settings: dict[str, Any
                 break
 
 
-def receive(*, policy: str, source: str, connect: str) -> None:
-    """Say of each frame when it was there, how late, and how far from the original, until SIGTERM."""
+def receive(*, policy: str, source: str, connect: str, keep: str | None = None) -> None:
+    """Say of each frame when it was there, how late, and how far from the original, until SIGTERM.
+
+    keep: folder for the frames that are compared, pickled, as a viewer sees them
+    """
     stop = stopped()
     turns = Turns(source)
     originals = [frame.range for frame in frames_of(turns.packets(), turns.sensor, FRAMING)]
@@ -144,6 +149,8 @@ def receive(*, policy: str, source: str, connect: str) -> None:
             frame = live.next(0.2)
             if frame is not None:
                 tell(frame, originals, live.stats.latency_ms.recent()[-1:])
+                if keep is not None and frame.index % COMPARED == 0:
+                    (Path(keep) / f"{frame.index}.pickle").write_bytes(pickle.dumps(filled(frame)))
         say(summary=live.summary())
 
 
