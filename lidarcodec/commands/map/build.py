@@ -142,10 +142,10 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
     step_um = round(asked.step_m * 1e6)
     folder = asked.out.with_name(asked.out.name + BUILDING)
     with (
+        stoppable() as stopped,
         alone_in(folder),
         tempfile.TemporaryDirectory(prefix="lidarcodec-map-") as passing,
         progress("building a map", asked.frames if len(drives) == 1 else None) as draw,
-        stoppable() as stopped,
     ):
         kept = KeptBuild(folder, asked.decides(), force=force)
         builder = MapBuilder(folder, step_um, frame, asked.least_seen)
