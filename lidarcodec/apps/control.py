@@ -23,17 +23,17 @@ class Applied(NamedTuple):
 
 MAX_BY: Final = 64
 BY: Final = "by"
-"""Field of a query that names who asks. It is not a setting."""
+"""Field of a query that names its sender. It is not a setting."""
 
 
 def asked_by(who: str) -> dict[str, str]:
-    """The field of a query that names who asks, cut to what a vehicle takes."""
+    """The field of a query that names its sender, cut to what a vehicle takes."""
     text = "".join(one for one in who if one.isprintable())[:MAX_BY]
     return {BY: text} if text else {}
 
 
 def asker(query: dict[str, Any]) -> str | None:
-    """Take the name of who asks out of a query. None if it has none.
+    """Take the name of the sender out of a query. None if it has none.
 
     Raises SettingsError if the name is not printable text of at most MAX_BY characters.
     """

@@ -70,10 +70,10 @@ def _renameat2(old: Path, new: Path, flags: int) -> None:
         raise OSError(number, os.strerror(number), str(old), None, str(new))
 
 
-def synced(folder: Path) -> None:
-    """Make the names in a folder survive a loss of power, where the file system can."""
+def synced(path: Path) -> None:
+    """Put a file, or the names in a folder, on the disk, where the file system can."""
     with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
+        handle = os.open(path, os.O_RDONLY)
         try:
             os.fsync(handle)
         finally:

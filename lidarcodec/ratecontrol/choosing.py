@@ -27,7 +27,7 @@ SHARE: Final = 0.3
 """Share of the time between two frames that encoding may take. Decoding takes about as long, and the rest is for the
 path: a frame should arrive before the next one is measured."""
 KEEPS_UP: Final = 0.6
-"""Where no codec is within that share, the one that may be taken: frames arrive later, but none is replaced."""
+"""Share that is allowed where no codec keeps within SHARE: frames arrive later, but the encoder keeps up."""
 BETTER: Final = 0.8
 """Where a codec is in force already, another one replaces it only if it takes this share of what it may take."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 import tempfile
@@ -11,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from lidarcodec import __version__
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -28,6 +30,8 @@ from lidarcodec.maps.joining import Joined, Joining, Start
 from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.maps.points import MapFrame
 from lidarcodec.sources.mounts import Mounted
+
+log = logging.getLogger(__name__)
 
 ENDING: Final = ".lcmap"
 BUILDING: Final = ".building"
@@ -58,9 +62,16 @@ class Asked:
     def decides(self) -> dict[str, Any]:
         """All that decides what the map will hold, with the size and the time of the inputs."""
         inputs = [*(Path(source.partition("?")[0]) for source in self.sources), *self.poses, self.calibration]
+        inputs += map(Path, self.mounts)  # a file, or numbers
         files = [None if path is None or not path.exists() else _version(path) for path in inputs]
         own = {key: value for key, value in asdict(self).items() if key != "out"}
-        return {**own, "poses": [str(one) for one in self.poses], "calibration": str(self.calibration), "files": files}
+        return {
+            **own,
+            "poses": [str(one) for one in self.poses],
+            "calibration": str(self.calibration),
+            "files": files,
+            "version": __version__,
+        }
 
     def first_poses(self) -> list[Start | None]:
         """Where the first scan of each drive is in the map; None if it is not said. Raises SettingsError."""
@@ -168,7 +179,9 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
                     points_written = builder.write(file, tick)
                     size = file.tell()
         except LidarCodecError:
-            if not kept.saved:
+            if kept.saved:
+                log.warning("%s has what was done: the same command goes on there", folder)
+            else:
                 kept.clear()
             raise
         kept.clear()

@@ -39,8 +39,8 @@ class RecordingInfo(TypedDict):
     messages: Annotated[int, "number of messages"]
     frames: Annotated[
         int | None,
-        "number of frames in them, without those of damaged messages; `missing frames` lie between them, by their "
-        "numbers, and `longest hole` says where most time is missing. Null if it holds raw packets",
+        "number of frames in them, without those of damaged messages. By their numbers, `missing frames` lie between "
+        "them. `longest hole` says where most time is missing. Null if it holds raw packets",
     ]
     holds: NotRequired[Annotated[str, "of raw packets: that it holds no frames yet, and how it is read"]]
     begins: Annotated[str | None, "time of the first message or raw packet; null without any"]
