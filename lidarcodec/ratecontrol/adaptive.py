@@ -9,8 +9,8 @@ way for two thirds of a frame's time. The last third is a reserve for a larger f
 (10000, 6500)
 >>> for _ in range(5):  # the path is cut to 2 Mbit/s
 ...     bits = 100 * target_kbps
-...     state, target_kbps = adapted(state, Landing(bits, send_s=bits / 2e6, since_s=0.2))
->>> 1200 < target_kbps < 1500
+...     state, target_kbps = adapted(state, Landing(bits, bits / 2e6, since_s=max(0.1, bits / 2e6)))
+>>> 1100 < target_kbps < 1500
 True
 """
 
@@ -19,6 +19,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
+
+from lidarcodec.ratecontrol.sustained import (
+    UNLIMITED,
+    USED,
+    Sustained,
+    after,
+    interrupted,
+    rate_of_two,
+    unless_far_above,
+)
 
 START_KBPS: Final = 3000.0
 """The target until the first message has arrived. Most mobile networks can carry it."""
@@ -44,20 +54,19 @@ FIRST_DOWN_S: Final = 0.4
 UP_S: Final = 0.4
 """Time constant of an increase: one fast message may be due to a full token bucket of the network."""
 SLOW: Final = 0.8
-CUT: Final = 0.6
 """Two consecutive messages below this share of the capacity mean that the path became slower, or that a token bucket is
 empty. A single one is probably due to a busy receiver."""
-CAUTION_S: Final = 20.0
-GROWTH_PER_S: Final = 2.0
-"""For so long after a drop, the estimated capacity grows by at most this rate: a factor of five takes 2.3 s.
-Otherwise a token bucket, which passes a burst and then stops, would be exhausted again and again."""
-SMALLER: Final = 0.7
 WORSE: Final = 1.1
-IN_VAIN: Final = 0.5
-"""If at least this share of a message's time does not depend on its size, smaller messages do not help."""
 SETTLING: Final = 3
 """Number of first measurements of a new path that are used without smoothing if they are higher; the first one also if
-it is lower. A path after a stall is new: the message during the stall took long, but the next ones are fast again."""
+it is lower."""
+STUCK_S: Final = 0.15
+"""A message that was lost is known as lost earlier, by the report of the next one."""
+AFTER_STALL: Final = 6
+FASTER: Final = 2.0
+"""So many measurements after a stall are used without smoothing if they are higher: the path may be as fast as ever.
+But the capacity grows by at most this factor with each, for a token bucket may have filled meanwhile. The message that
+stood still says nothing."""
 MIN_SEND_S: Final = 0.01
 """Messages are combined until they have kept the path busy for so long. Shorter times would measure only jitter."""
 NOISE_S: Final = 0.003
@@ -88,23 +97,25 @@ class PathState:
     """The state of a path.
 
     capacity_bps: None before the first message arrived
-    settling: number of further measurements without smoothing, because the path is new or stalled
+    settling: number of further measurements without smoothing, because the path is new or stood still
+    stalled: whether it stood still
     share: used share of the capacity; burst: size of a key frame relative to other frames, inter_bits: their mean size
     slow: whether the last message was clearly slower, before_bps: the capacity before it
-    began: bits and seconds of the first of several consecutive slow messages; caution_s: remaining time of limited
-    growth
+    began: bits and seconds of the first of several consecutive slow messages
+    sustained: what the path carries for long
     bits, send_s, since_s: messages combined for the next measurement
     """
 
     capacity_bps: float | None = None
     settling: int = SETTLING
+    stalled: bool = False
     share: float = SHARE
     burst: float = 1.0
     inter_bits: float | None = None
     slow: bool = False
     before_bps: float | None = None
     began: tuple[float, float] | None = None
-    caution_s: float = 0.0
+    sustained: Sustained = UNLIMITED
     bits: float = 0.0
     send_s: float = 0.0
     since_s: float = 0.0
@@ -116,8 +127,12 @@ def adapted(state: PathState, landing: Landing) -> tuple[PathState, float]:
     if not landing.landed:
         state = _stalled(state, landing)
     else:
+        sustained = state.sustained
+        if not (state.stalled and state.settling == AFTER_STALL):
+            sustained = after(sustained, landing.bits, landing.send_s, landing.since_s, state.capacity_bps)
         taken = replace(
             state,
+            sustained=sustained,
             bits=state.bits + landing.bits,
             send_s=state.send_s + max(landing.send_s, 0.0),
             since_s=state.since_s + max(landing.since_s, 0.0),
@@ -125,6 +140,7 @@ def adapted(state: PathState, landing: Landing) -> tuple[PathState, float]:
         noise_s = max(NOISE_S, NOISE_SHARE * landing.rtt_s)
         enough = taken.send_s >= max(MIN_SEND_S, noise_s) or taken.since_s >= 0.1 or taken.settling
         state = _measured(taken, noise_s) if enough and taken.bits > 0.0 else taken
+        state = replace(state, sustained=unless_far_above(state.sustained, _share(state) * (state.capacity_bps or 0.0)))
     return state, target_kbps(state)
 
 
@@ -132,15 +148,32 @@ def elsewhere(state: PathState) -> PathState:
     """The state after a change of the followed receiver: the next message at once determines the capacity of its
     path.
     """
-    return replace(state, settling=SETTLING, caution_s=0.0, bits=0.0, send_s=0.0, since_s=0.0)
+    return replace(state, settling=SETTLING, stalled=False, sustained=UNLIMITED, bits=0.0, send_s=0.0, since_s=0.0)
 
 
 def target_kbps(state: PathState) -> float:
-    """The target: a share of the capacity, or less if key frames are so large that they would be late."""
+    """The target: a share of the capacity, or less if key frames are so large that they would be late; no more than
+    the path carries for long."""
     if state.capacity_bps is None:
         return START_KBPS
-    share = min(state.share, PEAK / state.burst)
-    return min(max(share * state.capacity_bps / 1e3, MIN_KBPS), MAX_KBPS)
+    bps = min(_share(state) * state.capacity_bps, USED * state.sustained.bps)
+    return min(max(bps / 1e3, MIN_KBPS), MAX_KBPS)
+
+
+def while_waiting(target: float, waited_for: tuple[int, float] | None) -> float:
+    """The target of the next frame in kbit/s, if a message before it has not arrived: the path carries less than that
+    message in the time since. The next frames are then small before anything is measured, and do not add to a queue.
+
+    waited_for: bytes of the oldest message that has not arrived, and seconds since it was sent; None if there is none
+    """
+    if waited_for is None or waited_for[1] < STUCK_S:
+        return target
+    return max(min(target, SHARE * 8e-3 * waited_for[0] / waited_for[1]), MIN_KBPS)
+
+
+def sustained_kbps(state: PathState) -> float | None:
+    """The limit that a token bucket showed; None where no limit is known."""
+    return None if math.isinf(state.sustained.bps) else state.sustained.bps / 1e3
 
 
 def capacity_kbps(state: PathState) -> float | None:
@@ -148,15 +181,20 @@ def capacity_kbps(state: PathState) -> float | None:
     return None if state.capacity_bps is None else state.capacity_bps / 1e3
 
 
+def _share(state: PathState) -> float:
+    return min(state.share, PEAK / state.burst)
+
+
 def _measured(state: PathState, noise_s: float) -> PathState:
     """The state after combined messages. A time that is too short to measure only gives a lower bound."""
     sure = state.send_s > noise_s
     found = min(max(state.bits / max(state.send_s, noise_s), 1e3 * MIN_KBPS), 1e3 * MAX_KBPS)
     step_s = min(max(state.since_s, 1e-3), MAX_STEP_S)
-    caution_s = max(state.caution_s - step_s, 0.0)
-    before, slow = state.capacity_bps, False
-    if before is None or state.settling == SETTLING:
+    before, slow, stalled = state.capacity_bps, False, False
+    if before is None or (state.settling == SETTLING and not state.stalled):
         capacity = found
+    elif state.stalled and (found >= before or state.settling == AFTER_STALL):
+        capacity, stalled = min(max(found, before), FASTER * before), state.settling > 1
     elif found < before:
         slow = sure and found < SLOW * before
         if slow and (otherwise := _in_vain(state)) is not None:
@@ -164,20 +202,16 @@ def _measured(state: PathState, noise_s: float) -> PathState:
         believed = state.slow or state.send_s >= HICCUP_S
         time_s = DOWN_S if believed else FIRST_DOWN_S
         capacity = before if not sure else before + (found - before) * (1.0 - math.exp(-max(step_s, 0.1) / time_s))
-        if slow and state.slow and found < CUT * (state.before_bps or before):
-            caution_s = CAUTION_S
     else:
         capacity = found if state.settling else before + (found - before) * (1.0 - math.exp(-step_s / UP_S))
-        if caution_s > 0.0 and not state.settling:
-            capacity = min(capacity, before * GROWTH_PER_S**step_s)
     return replace(
         state,
         capacity_bps=capacity,
         before_bps=(state.before_bps if state.slow else before) if slow else None,
         began=_began(state) if slow else None,
         settling=max(state.settling - 1, 0),
+        stalled=stalled,
         slow=slow,
-        caution_s=caution_s,
         bits=0.0,
         send_s=0.0,
         since_s=0.0,
@@ -192,26 +226,21 @@ def _began(state: PathState) -> tuple[float, float]:
 
 
 def _in_vain(state: PathState) -> float | None:
-    """The capacity in bits per second, if messages became smaller but hardly faster. Then most of the time does not
-    depend on their size, and still fewer bits would not help. So a longer round trip that is not measured yet does not
-    reduce the target to nothing.
-
-    Two messages of different size determine a delay and a capacity. None if the delay is not the larger part.
+    """The capacity in bits per second, if messages became smaller but hardly faster: a longer round trip that is not
+    measured yet must not reduce the target to nothing. None otherwise.
     """
-    if state.began is None or state.bits > SMALLER * state.began[0] or state.send_s > WORSE * state.began[1]:
+    if state.began is None or state.send_s > WORSE * state.began[1]:
         return None
-    fewer, quicker_s = state.began[0] - state.bits, max(state.began[1] - state.send_s, 1e-4)
-    delay_s = state.send_s - quicker_s * state.bits / fewer
-    return fewer / quicker_s if delay_s > IN_VAIN * state.send_s else None
+    return rate_of_two(state.began, (state.bits, state.send_s))
 
 
 def _stalled(state: PathState, landing: Landing) -> PathState:
     """The state after a message that did not arrive: the capacity is smaller, and the next measurement counts fully."""
     most = max(landing.bits / max(landing.send_s, 1e-3), 1e3 * MIN_KBPS)
     capacity = most if state.capacity_bps is None else min(state.capacity_bps, most)
-    return replace(
-        state, capacity_bps=capacity, settling=SETTLING, caution_s=CAUTION_S, bits=0.0, send_s=0.0, since_s=0.0
-    )
+    calm = interrupted(state.sustained)
+    fresh = replace(state, bits=0.0, send_s=0.0, since_s=0.0)
+    return replace(fresh, capacity_bps=capacity, settling=AFTER_STALL, stalled=True, sustained=calm)
 
 
 def _with_share(state: PathState, landing: Landing) -> PathState:

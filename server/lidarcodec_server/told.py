@@ -235,7 +235,7 @@ _FIELDS: Final[dict[str, Check]] = {
             gain_bits=_any_number,
         )
     ),
-    "path": record(capacity_kbps=_any_number, share=_any_number, cautious=flag),
+    "path": record(capacity_kbps=_any_number, sustained_kbps=_any_number, share=_any_number),
     "encode_ms": _times,
     "put_ms": _times,
     "flight": record(

@@ -65,11 +65,16 @@ def stream(
     most_bits: float = 1e9,
     key_every: int = 0,
     key_factor: float = 1.0,
+    stale: int = 0,
     seed: int = 1,
 ) -> list[Shown]:
-    """Frames every 0.1 s at the target, newest first, at most `window` under way; those that arrived."""
+    """Frames every 0.1 s at the target, newest first, at most `window` under way; those that arrived.
+
+    stale: the target of a frame is from so many frames before, as where it was coded while the last one was under way
+    """
     rng = np.random.default_rng(seed)
     state, shown = PathState(), []
+    targets: list[float] = []
     under_way: list[tuple[float, Landing]] = []  # when its report comes, what it says
     now, index, sent, last_free, last_report = 0.0, 0, 0, -1.0, 0.0
     while now < seconds:
@@ -86,7 +91,8 @@ def stream(
         put = now + ENCODE_S
         key = bool(key_every) and sent % key_every == 0
         sent += 1
-        wanted = 1e3 * target_kbps(state) * FRAME_S * (key_factor if key else 1.0)
+        targets.append(target_kbps(state))
+        wanted = 1e3 * targets[max(-1 - stale, -len(targets))] * FRAME_S * (key_factor if key else 1.0)
         bits = min(max(wanted * (1.0 + noise * rng.standard_normal()), least_bits, 1e3), most_bits)
         done = path.send(put, bits)
         report = done + path.rtt_s + path.unknown_s(done) + abs(jitter_s * rng.standard_normal())

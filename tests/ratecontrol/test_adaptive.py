@@ -161,7 +161,7 @@ def test_one_lost_message_costs_a_second_and_not_the_quality_of_the_next_twenty(
     state, stalled = adapted(state, Landing(4e5, 1.0, 1.0, landed=False))
     assert stalled < 0.1 * before
     state, _ = adapted(state, Landing(3e4, 0.6, 0.6))
-    for _ in range(3):
+    for _ in range(5):
         state, after = adapted(state, Landing(3e4, 0.00375, 0.1))
     assert after > 0.8 * before
 

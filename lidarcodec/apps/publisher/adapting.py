@@ -10,13 +10,14 @@ from typing import Any, Protocol
 from lidarcodec.apps.publisher.flight import Flight
 from lidarcodec.apps.publisher.path_times import LIMIT_S
 from lidarcodec.ratecontrol.adaptive import (
-    CAUTION_S,
     Landing,
     PathState,
     adapted,
     capacity_kbps,
     elsewhere,
+    sustained_kbps,
     target_kbps,
+    while_waiting,
 )
 
 logger = logging.getLogger(__name__)
@@ -55,17 +56,18 @@ class Adapting:
                 left_out, self._replaced = replaced - self._replaced, replaced
                 self._state, _ = adapted(self._state, landing._replace(replaced=left_out))
                 self._tell(landing, automatic=automatic)
-            encoder.aim(target_kbps(self._state))
+            encoder.aim(while_waiting(target_kbps(self._state), self._flight.waited_for()))
 
     def report(self) -> dict[str, Any]:
-        """For the status: the measured bitrate of the network in kbit/s, or null, and the share in use."""
+        """For the status: what the network can carry in kbit/s as single messages show, and for long where that is less
+        (null if unknown), and the share in use."""
         with self._lock:
             state = self._state
-        found = capacity_kbps(state)
+        found, sustained = capacity_kbps(state), sustained_kbps(state)
         return {
             "capacity_kbps": None if found is None else round(found, 1),
+            "sustained_kbps": None if sustained is None else round(sustained, 1),
             "share": round(state.share, 3),
-            "cautious": state.caution_s > 0.0,
         }
 
     def _tell(self, landing: Landing, *, automatic: bool) -> None:
@@ -79,7 +81,7 @@ class Adapting:
             then = "the automatic bitrate falls" if automatic else "meanwhile newer frames replace older ones"
             logger.log(level, "a message did not arrive within %.1f s: %s", landing.send_s, then)
         elif automatic:
-            logger.info("messages arrive again: the automatic bitrate rises, slowly for the first %.0f s", CAUTION_S)
+            logger.info("messages arrive again: the automatic bitrate rises")
         else:
             logger.info("messages arrive again")
 

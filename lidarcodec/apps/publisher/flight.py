@@ -257,6 +257,16 @@ class Flight:
         with self._condition:
             return self._path.took()
 
+    def waited_for(self) -> tuple[int, float] | None:
+        """The oldest message that was not reported: its bytes, and the seconds since it was sent, without the round
+        trip. None if there is none."""
+        with self._condition:
+            name = self._following()
+            unresolved = [] if name is None else self._under_way.unresolved(name)
+            if name is None or not unresolved:
+                return None
+            return unresolved[0].size, self._clock() - unresolved[0].at_s - self._rtt(name)
+
     @property
     def s_per_byte(self) -> float:
         """Time that the path needs for a byte of a message; 0 if that is not known."""

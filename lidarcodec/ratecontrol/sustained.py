@@ -1,0 +1,164 @@
+"""What a path carries for long, where a token bucket lets more through at once. Pure: no clock, no sockets.
+
+Mobile networks and `tc tbf` save up unused rate in a bucket, and let so many bits pass at once. A message that fits
+into the bucket looks many times as fast as the path is. A rate that follows single messages rises until the bucket is
+empty, falls too far when messages are late, and rises again.
+
+Messages that empty the bucket tell the rate: between the arrivals of two of them, the path carried the bits of the
+second, whatever the bucket holds. The target stays below this rate. Then the bucket stays full, and messages arrive at
+once. Only a higher rate can show that the path has become faster, so after a while the limit rises.
+
+>>> state = UNLIMITED
+>>> for bits, send_s in ((2e5, 0.12), (1e5, 0.1), (1e5, 0.1)):  # the first had some of its bits from the bucket
+...     state = after(state, bits, send_s, since_s=0.1, capacity_bps=3e6)
+>>> round(state.known_bps)
+1000000
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+USED: Final = 0.85
+"""Used share of the sustained rate. The rest fills the bucket again."""
+LATE_S: Final = 0.06
+LATE: Final = 1.4
+"""A message is late if it takes so long, and so many times what the capacity lets expect."""
+BUSY: Final = 0.5
+"""A message after a late one also found the bucket empty if the path was busy for this share of the time since."""
+RUN_S: Final = 0.15
+"""Shortest time over which the rate is measured."""
+STOOD: Final = 4.0
+"""A message after a late one that takes so many times what the capacity lets expect tells no rate: packets were lost,
+and sent again."""
+HOLD_S: Final = 2.5
+"""Time for which the limit stays. Each rise that is too much makes a frame or two late."""
+GENTLE: Final = (1.5, 1.6)
+FAST: Final = (8.0, 2.5)
+"""Then the limit rises by the first factor a second, to the second times the rate that is known. If the bucket would be
+empty by then and no message was late, the path is as fast as that, and the limit rises on from there, faster."""
+BUCKET_BITS: Final = 1.6e5
+BUCKET: Final = 1.3
+LARGEST_S: Final = 1.0
+"""What the bucket holds at least, as far as anybody knows, how many times what it held last time it may hold, and for
+how long the path needs to fill it at most."""
+EASE: Final = 0.8
+"""Factor on the limit at a single late message while it rises. The usual cause is a busy receiver, so the limit rises
+on if the next message is in time."""
+LONG_S: Final = 0.2
+SHORT_HOLD_S: Final = 0.5
+"""A first late message that took longer tells the rate well enough to begin with, for a short time."""
+PLAIN_S: Final = 0.04
+PLAIN: Final = 8
+"""After so many messages that all took so long, and as long as expected, there is no bucket: it would have filled."""
+SMALLER: Final = 0.7
+IN_VAIN: Final = 0.5
+"""If at least this share of a message's time does not depend on its size, smaller messages do not help."""
+MATTERS: Final = 4.0
+"""A limit so many times above what the capacity allows is forgotten."""
+LONGEST_S: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Sustained:
+    """What is known of the sustained rate.
+
+    bps: the limit in bits per second, infinite while no message was late; known_bps: the rate that the path carries
+    hold_s: remaining time before the limit rises; rises: whether it does; faster: whether the path became faster
+    more_bits: bits sent meanwhile above the known rate; bucket_bits: what they were when messages became late
+    plain: number of the last messages that took as long as expected, and not next to nothing
+    late: whether the last message found the bucket empty
+    bits, seconds: sums since the first of consecutive late ones
+    slowest: bits of the slowest of these, and the seconds for which it kept the path busy
+    """
+
+    bps: float = math.inf
+    known_bps: float = math.inf
+    hold_s: float = 0.0
+    rises: bool = False
+    faster: bool = False
+    more_bits: float = 0.0
+    bucket_bits: float = BUCKET_BITS
+    plain: int = 0
+    late: bool = False
+    bits: float = 0.0
+    seconds: float = 0.0
+    slowest: tuple[float, float] = (0.0, 0.0)
+
+
+UNLIMITED: Final = Sustained()
+"""While no message was late."""
+
+
+def after(state: Sustained, bits: float, send_s: float, since_s: float, capacity_bps: float | None) -> Sustained:
+    """The state after a message that arrived.
+
+    bits: its size; send_s: time for which it kept the path busy; since_s: time since the arrival of the one before
+    capacity_bps: the capacity that the messages before it showed; None if there were none
+    """
+    since_s = min(max(since_s, 1e-3), LONGEST_S)
+    expected_s = math.inf if capacity_bps is None else bits / capacity_bps
+    late = send_s >= max(LATE_S, LATE * expected_s) or (state.late and send_s >= max(LATE_S, BUSY * since_s))
+    if not late:
+        plain = state.plain + 1 if send_s >= PLAIN_S else 0
+        if math.isinf(state.bps) or plain == PLAIN:
+            return UNLIMITED
+        return _rising(replace(interrupted(state), plain=plain), bits, since_s)
+    if state.late and rate_of_two(state.slowest, (bits, send_s)) is not None:
+        return UNLIMITED
+    if not state.late or send_s > STOOD * expected_s:  # the first one has some of its bits from the bucket
+        return _first(state, bits, send_s, since_s)
+    slowest = (bits, send_s) if send_s > state.slowest[1] else state.slowest
+    state = replace(state, bits=state.bits + bits, seconds=state.seconds + since_s, slowest=slowest)
+    return state if state.seconds < RUN_S else _held(state, state.bits / state.seconds)
+
+
+def interrupted(state: Sustained) -> Sustained:
+    """The state without what consecutive late messages told."""
+    return replace(state, plain=0, late=False, bits=0.0, seconds=0.0, slowest=(0.0, 0.0))
+
+
+def rate_of_two(slowest: tuple[float, float], smaller: tuple[float, float]) -> float | None:
+    """The rate in bits per second, if messages became smaller but hardly faster: the round trip has grown, and fewer
+    bits would not help. None otherwise.
+
+    Two messages of different size determine a delay and a rate. slowest, smaller: bits and seconds
+    """
+    if smaller[0] > SMALLER * slowest[0]:
+        return None
+    fewer, quicker_s = slowest[0] - smaller[0], max(slowest[1] - smaller[1], 1e-4)
+    delay_s = smaller[1] - quicker_s * smaller[0] / fewer
+    return fewer / quicker_s if delay_s > IN_VAIN * smaller[1] else None
+
+
+def unless_far_above(state: Sustained, bps: float) -> Sustained:
+    """Without the limit, if it is far above `bps`."""
+    return UNLIMITED if not state.late and USED * state.bps > MATTERS * bps else state
+
+
+def _first(state: Sustained, bits: float, send_s: float, since_s: float) -> Sustained:
+    fresh = replace(interrupted(state), late=True)
+    if math.isinf(state.bps) and not state.late and send_s >= LONG_S:
+        return replace(_held(fresh, bits / max(send_s, since_s)), hold_s=SHORT_HOLD_S)
+    return replace(fresh, bps=max(EASE * state.bps, state.known_bps)) if state.rises else fresh
+
+
+def _held(state: Sustained, bps: float) -> Sustained:
+    learned = state.rises and not state.faster
+    bucket_bits = max(state.more_bits, BUCKET_BITS) if learned else state.bucket_bits
+    still = replace(state, hold_s=HOLD_S, rises=False, faster=False, more_bits=0.0)
+    return replace(still, bps=bps, known_bps=bps, bucket_bits=bucket_bits)
+
+
+def _rising(state: Sustained, bits: float, step_s: float) -> Sustained:
+    if state.hold_s > step_s:
+        return replace(state, hold_s=state.hold_s - step_s)
+    known_bps, faster = state.known_bps, state.faster
+    more_bits = max(state.more_bits + bits - known_bps * step_s, 0.0)
+    if more_bits > BUCKET * min(state.bucket_bits, LARGEST_S * state.known_bps):
+        known_bps, more_bits, faster = state.bps, 0.0, True
+    per_s, highest = FAST if faster else GENTLE
+    bps = max(min(state.bps * per_s**step_s, highest * known_bps), state.bps)
+    return replace(state, bps=bps, known_bps=known_bps, hold_s=0.0, rises=True, more_bits=more_bits, faster=faster)
