@@ -87,7 +87,7 @@ soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing los
 load: $(STAMPS)/dev $(NATIVE) ## 100 vehicles, 50 viewers and 10,000 requests a minute through one router and one server (an hour)
 	$(BIN)/python -m benchmarks.load $(ARGS)
 
-faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (14 min)
+faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (an hour)
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
 
