@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import logging
 import re
+import shutil
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
-from lidarcodec.apps.past.plan import Clip
+from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.apps.past.times import check_quality, span_of
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.attending import attended
 from lidarcodec.commands.running.stopping import StoppedError, stoppable
 from lidarcodec.commands.running.telling import tell
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.folder_lock import alone_in
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.files.whole import beside, check_free, whole
@@ -67,8 +69,9 @@ def run(
     with alone_in(store.folder):
         with stoppable(stop.set), open_transport(endpoints, stop=stop) as transport:
             fetch = Fetch(clip, store, store.folder / _plan_name(clip), lambda: transport, patience_s)
+            progress = _Progress(fetch, key, patience_s)
             try:
-                attended(fetch.run, fetch.cancel, stop, _Progress(fetch, key, patience_s))
+                attended(partial(fetch.run, partial(_check_room, store)), fetch.cancel, stop, progress)
             except CancelledError:
                 raise StoppedError from None
         plan = fetch.plan
@@ -111,6 +114,17 @@ def absolute(text: str, now_ns: int, field: str = "time") -> str:
             raise SettingsError(f"{error}. Also -30 for 30 s before now, and now", field) from None
         return text
     return rfc_3339(now_ns - (0 if text == "now" else int(-float(text) * 1e9)))
+
+
+def _check_room(store: PieceStore, plan: Plan) -> None:
+    """Raises SourceError if the disk has no room for the clip, once as pieces and once as a recording."""
+    needed = sum((1 if store.has(piece.name, piece.size) else 2) * piece.size for piece in plan.there)
+    free = shutil.disk_usage(store.folder).free
+    if needed > free:
+        raise SourceError(
+            f"the disk has no room for this clip: it needs {needed:,} bytes, and {free:,} are free. Make room, or "
+            "fetch a shorter one"
+        )
 
 
 def _plan_name(clip: Clip) -> str:

@@ -9,6 +9,7 @@ from lidarcodec import wire
 from lidarcodec.apps.past.plan import Plan
 from lidarcodec.apps.recorder import LOSSLESS
 from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.evaluation.verify import promise_of
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.holes import Hole, Numbers
@@ -34,7 +35,7 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> Written:
     """Write the pieces of a plan to a recording at `path`.
 
     It begins with the first piece that reaches into the clip, so up to a second earlier, and ends as much later.
-    Raises SourceError if a piece is missing or damaged, OSError.
+    Raises SourceError if a piece is missing or damaged, or its frames are not exact, OSError.
     """
     clip, numbers = plan.clip, Numbers()
     about = {"past": f"{clip.from_ns} to {clip.to_ns}", "gaps": str(len(plan.gaps()))}
@@ -46,6 +47,8 @@ def write_clip(plan: Plan, store: PieceStore, path: Path) -> Written:
                         message = wire.unpack(data)
                         if not piece.begin_ns - STEP_NS <= message.stamp_ns <= piece.end_ns + STEP_NS:
                             raise SourceError("the vehicle kept messages of another time than it listed")
+                        if message.width and not promise_of(message).identical:
+                            raise SourceError("the vehicle sent frames that are not exact: a clip has exact ones only")
                         writer.write(data)
                         numbers.add(message)
                 except DecodeError as error:

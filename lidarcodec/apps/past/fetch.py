@@ -45,6 +45,10 @@ class CancelledError(LidarCodecError):
     """The fetch was cancelled; what was fetched is still there."""
 
 
+class TurnOverError(LidarCodecError):
+    """Others have their turn. What was fetched is still there, and `run` goes on from it."""
+
+
 class SilentError(SourceError):
     """The vehicle did not answer for too long; what was fetched is still there."""
 
@@ -55,13 +59,20 @@ class Fetch:
     plan_file:  where the plan is stored, to go on after a restart
     transport:  gives the network session, or raises TransportError while there is none
     patience_s: longest time without any progress
+    turn_over:  asked all the time, also while it waits: whether others have their turn now
     """
 
     def __init__(
-        self, clip: Clip, store: PieceStore, plan_file: Path, transport: Callable[[], Transport], patience_s: float
+        self,
+        clip: Clip,
+        store: PieceStore,
+        plan_file: Path,
+        transport: Callable[[], Transport],
+        patience_s: float,
+        turn_over: Callable[[], bool] = lambda: False,
     ) -> None:
         self.clip, self._store, self._plan_file = clip, store, plan_file
-        self._transport, self._patience_s = transport, patience_s
+        self._transport, self._patience_s, self._turn_over = transport, patience_s, turn_over
         self.plan = Plan.read(plan_file, clip)
         self._stop = threading.Event()
         self._moved_s = self._gained_s = time.monotonic()
@@ -96,7 +107,7 @@ class Fetch:
 
         listed: called when all pieces are known
         Raises SourceError if the vehicle kept nothing of the clip, SilentError if it does not answer for `patience_s`,
-        CancelledError, and what `listed` raises.
+        CancelledError, TurnOverError, and what `listed` raises.
         """
         self._moved_s = self._gained_s = time.monotonic()
         while not self.plan.listed:
@@ -240,7 +251,7 @@ class Fetch:
         self._check_going()
 
     def _check_going(self) -> None:
-        """Raises CancelledError, and SourceError if nothing, or nothing new, came for too long."""
+        """Raises CancelledError, TurnOverError, and SourceError if nothing, or nothing new, came for too long."""
         if self._stop.is_set():
             raise CancelledError("the fetch was cancelled")
         if time.monotonic() - self._moved_s > self._patience_s:
@@ -250,6 +261,8 @@ class Fetch:
             )
         if time.monotonic() - self._gained_s > max(STUCK_S, self._patience_s):
             raise SourceError("the vehicle answers, but has sent nothing new for too long")
+        if self._turn_over():
+            raise TurnOverError("others have their turn")
 
 
 def _object(answer: bytes) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import logging
 import re
 import secrets
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -35,6 +36,8 @@ MAX_ABOUT: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
 SHARES: Final = 4
 """The clips of marks of one vehicle, which are not deleted to make room, may take so small a part of all."""
+MAX_STAYING: Final = 256
+"""Most such clips of one vehicle."""
 MAX_GAPS: Final = 64
 """Most gaps that are told of a clip."""
 
@@ -87,6 +90,39 @@ class Record:
             "gaps": [list(gap) for gap in self.gaps],
             "missing": self.missing,
         }
+
+
+def oldest_first(records: list[Record]) -> list[Record]:
+    """Clips in the order in which they were asked for."""
+    return sorted(records, key=lambda one: one.started_ns)
+
+
+def largest_first(vehicle: str, plan: Plan, done: list[Record], records: list[Record]) -> list[Record]:
+    """Which clips may give way to one that a vehicle told of, and that nobody asked for: always the oldest of the
+    vehicle that has the most, as long as that has more than this vehicle would have.
+
+    done: all clips;  records: those that may be deleted
+    """
+    has = Counter({vehicle: _bytes(plan)})
+    for one in done:
+        has[one.clip.keys.vehicle] += one.size
+    left: dict[str, list[Record]] = {}
+    for one in reversed(oldest_first(records)):
+        left.setdefault(one.clip.keys.vehicle, []).append(one)
+    found: list[Record] = []
+    while left:
+        most = max(left, key=lambda name: (has[name], name == vehicle, -left[name][-1].started_ns))
+        if most != vehicle and has[most] <= has[vehicle]:
+            break
+        found.append(left[most].pop())
+        has[most] -= found[-1].size
+        if not left[most]:
+            del left[most]
+    return found
+
+
+def _bytes(plan: Plan) -> int:
+    return sum(piece.size for piece in plan.there)
 
 
 class Clips:
@@ -164,34 +200,47 @@ class Clips:
             except (OSError, LidarCodecError) as error:
                 logger.warning("the clip of fetch %s cannot be read: %s", record.id, error)
 
-    def make_room(self, plans: list[Plan], done: list[Record], forget: Callable[[Record], bool]) -> None:
-        """Delete the oldest clips until there is room for plans, once as pieces and once as clips.
+    def make_room(
+        self,
+        plans: list[Plan],
+        done: list[Record],
+        forget: Callable[[Record], bool],
+        first: Callable[[list[Record]], list[Record]] = oldest_first,
+    ) -> None:
+        """Delete clips until there is room for plans, once as pieces and once as clips.
+        If that is not enough, none is deleted.
 
         forget: asked before a clip is deleted; false if somebody reads it, so that it stays
+        first:  which of the clips may be deleted, in what order
         Raises SourceError if that is not enough.
         """
         needed = sum(2 * piece.size - self._here(piece) for plan in plans for piece in plan.there)
         total = sum(path.stat().st_size for path in self.store.folder.glob("*")) if self.store.folder.is_dir() else 0
-        total += sum(record.size for record in done)
-        for record in sorted(done, key=lambda one: one.started_ns):
-            if total + needed <= self.max_bytes:
-                break
-            if not record.stays and forget(record):
-                self.remove(record)
-                total -= record.size
-                logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
-        if total + needed > self.max_bytes:
+        over = total + needed + sum(record.size for record in done) - self.max_bytes
+        going = first([record for record in done if not record.stays])
+        if over <= sum(record.size for record in going):
+            for record in going:
+                if over <= 0:
+                    break
+                if forget(record):
+                    self.remove(record)
+                    over -= record.size
+                    logger.warning("the clip of fetch %s was deleted: the folder of clips is full", record.id)
+        if over > 0:
             raise SourceError(f"the clip is too large: all clips together may take {self.max_bytes // 2**20} MiB")
 
     def check_share(self, record: Record, plan: Plan, done: list[Record]) -> None:
-        """Raises SourceError if a clip that stays would take more than one vehicle may have of the room for all."""
+        """Raises SourceError if a clip that stays would take more than one vehicle may have of the room for all, or
+        there would be too many."""
         vehicle = record.clip.keys.vehicle
-        staying = sum(one.size for one in done if one.stays and one.clip.keys.vehicle == vehicle)
-        if record.stays and staying + sum(piece.size for piece in plan.there) > self.max_bytes // SHARES:
+        staying = [one.size for one in done if one.stays and one.clip.keys.vehicle == vehicle]
+        if record.stays and sum(staying) + _bytes(plan) > self.max_bytes // SHARES:
             raise SourceError(
                 f"the clips of marks of {vehicle} take all that one vehicle may have, a quarter of the room for clips: "
                 "cancel some of them"
             )
+        if record.stays and len(staying) >= MAX_STAYING:
+            raise SourceError(f"{vehicle} has {MAX_STAYING} clips of marks, which is the limit: cancel some of them")
 
     def _here(self, piece: Piece) -> int:
         """Bytes of a piece that are in the folder already."""

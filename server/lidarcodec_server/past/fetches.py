@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.apps.past.clip import Written, write_clip
-from lidarcodec.apps.past.fetch import CancelledError, Fetch, SilentError
+from lidarcodec.apps.past.fetch import CancelledError, Fetch, SilentError, TurnOverError
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, told
 from lidarcodec.files.whole import written_whole
 from lidarcodec.transport import Transport
-from lidarcodec_server.past.clips import Clips, Record, few
+from lidarcodec_server.past.clips import Clips, Record, few, largest_first, oldest_first
 
 logger = logging.getLogger(__name__)
 
@@ -36,6 +36,9 @@ MAX_ENDED: Final = 1000
 """Most fetches that ended and are remembered; the oldest without a clip are forgotten."""
 TURN_S: Final = 20.0
 """After so long without an answer of its vehicle, a fetch lets others have its turn."""
+LONGEST_TURN_S: Final = 120.0
+"""After so long a fetch lets others have their turn, however much it still gets: some links are slow, and some vehicles
+mean to be. It is longer than a vehicle may answer without bringing the fetch on."""
 AGAIN_S: Final = 5.0
 GIVE_UP_S: Final = 24 * 3600.0
 CLOSE_S: Final = 6.0
@@ -58,7 +61,7 @@ class _Job:
 
     def __init__(self, record: Record, fetch: Fetch) -> None:
         self.record, self.fetch = record, fetch
-        self.due_s = 0.0
+        self.due_s = self.began_s = 0.0
         self.moved_s = time.monotonic()
         self.running = self.cancelled = False
 
@@ -227,7 +230,24 @@ class Fetches:
 
     def _job(self, record: Record) -> _Job:
         clips = self._clips
-        return _Job(record, Fetch(record.clip, clips.store, clips.plan_file(record), self._transport, TURN_S))
+
+        def turn_over() -> bool:
+            return self._turn_over(job)
+
+        fetch = Fetch(record.clip, clips.store, clips.plan_file(record), self._transport, TURN_S, turn_over)
+        job = _Job(record, fetch)
+        return job
+
+    def _turn_over(self, job: _Job) -> bool:
+        """Whether a fetch has had its turn, and another one waits for it."""
+        now = time.monotonic()
+        if now - job.began_s < LONGEST_TURN_S:
+            return False
+        with self._wake:
+            running = [one for one in self._jobs.values() if one.running]
+            busy = {one.record.clip.keys.vehicle for one in running if one is not job}
+            others = [one for one in self._jobs.values() if not one.running and one.due_s <= now]
+        return any(one.record.clip.keys.vehicle not in busy for one in others)
 
     def _work(self) -> None:
         while (job := self._next()) is not None:
@@ -253,7 +273,7 @@ class Fetches:
                 ]  # fmt: skip
                 if waiting:
                     job = min(waiting, key=lambda one: (one.due_s, one.record.started_ns))
-                    job.running = True
+                    job.running, job.began_s = True, now
                     return job
                 self._wake.wait(1.0)
             return None
@@ -268,6 +288,8 @@ class Fetches:
         except CancelledError:
             if job.cancelled:
                 self._end(job, "cancelled", None)
+        except TurnOverError:
+            job.due_s = job.moved_s = time.monotonic()
         except SilentError as error:
             now = time.monotonic()
             job.due_s = now + AGAIN_S
@@ -289,7 +311,10 @@ class Fetches:
             self._clips.check_share(job.record, plan, done)
             self._clips.take_from_clips(plan, done)
             others = [one for one in plans if one is not plan and one.listed]
-            self._clips.make_room([plan, *others], done, self._forget)
+            first = oldest_first
+            if job.record.by.startswith(OF_MARK):
+                first = partial(largest_first, job.record.clip.keys.vehicle, plan, done)
+            self._clips.make_room([plan, *others], done, self._forget, first)
 
     def _forget(self, record: Record) -> bool:
         """Forget a fetch that is over, unless its clip is being read. Returns whether it may be deleted now."""
