@@ -7,6 +7,7 @@ import errno
 import fcntl
 import logging
 import os
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,7 +43,7 @@ def locked(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
 def alone_in(folder: Path) -> Iterator[None]:
     """Hold a lock on a folder that is there for as long as it holds something.
 
-    Raises SourceError when another process holds it, or it cannot be made.
+    Raises SourceError when another process holds it, it cannot be made, or somebody else made it.
     """
     while True:
         try:
@@ -51,6 +52,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             raise SourceError(f"cannot make {folder}: {error.strerror or error}") from None
         handle = _opened(folder)
         try:
+            _check_ours(handle, folder)
             _take(handle, folder, time.monotonic())
             if not _is_at(handle, folder):  # who held it has removed it
                 continue
@@ -62,6 +64,23 @@ def alone_in(folder: Path) -> Iterator[None]:
         finally:
             os.close(handle)
         return
+
+
+def _check_ours(handle: int, folder: Path) -> None:
+    """Raise SourceError if it is a link, or another user made it: who did may put links into it, and what is read from
+    it decides which files are removed."""
+    owner = os.fstat(handle).st_uid
+    if folder.is_symlink() or (owner != os.geteuid() and owner != _owner_in(folder.parent)):
+        raise SourceError(f"{folder} is a link, or belongs to another user: remove it, or take another output")
+
+
+def _owner_in(folder: Path) -> int:
+    """Owner of what we make in a folder: some file systems give all to one user. Raises SourceError."""
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".lidarcodec-") as made:
+            return Path(made).stat().st_uid
+    except OSError as error:
+        raise SourceError(f"cannot write in {folder}: {error.strerror or error}") from None
 
 
 def _is_at(handle: int, folder: Path) -> bool:

@@ -18,10 +18,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.budgets import largest
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.evaluation.trajectory import voxel_means
+from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
+MOST_ARRAYS: Final = largest("arrays") or 0
 NEAR_M: Final = 150.0
 """Tiles whose middle is farther away are put into the folder."""
 GATHER_EVERY: Final = 8
@@ -188,8 +191,12 @@ class CellGrid:
             (self._folder / before).unlink()
 
     def _load(self, tile: tuple[int, int]) -> Cells:
-        with np.load(self._folder / self._far[tile]) as file:
-            return Cells(*(file[name] for name in Cells._fields))
+        path = self._folder / self._far[tile]
+        try:
+            found = read_npz(path, Cells._fields, most_bytes=MOST_ARRAYS)
+            return Cells(*(found[name] for name in Cells._fields))
+        except (OSError, ArraysRefusedError, KeyError) as error:
+            raise SourceError(f"{path} cannot be read ({error}): delete {path.parent}, and begin anew") from None
 
     def _look_through(self, points: Matrix, sensor: Matrix) -> None:
         """Count the cells near the sensor that lie clearly in front of all returns around their direction."""

@@ -76,7 +76,7 @@ class Joining:
         all_posed = [self._posed(number, drive) for number, drive in enumerate(drives)]
         given = [number for number, one in enumerate(all_posed) if one.given]
         found: dict[int, Alignment | None] = {}
-        for begun in list(self._kept.begun()):
+        for begun in list(self._kept.begun(len(drives))):
             found[begun.number] = begun.aligned()
             self._put(begun.number, all_posed[begun.number], found[begun.number])
         for number in given[: 1 if align else None] or [0]:

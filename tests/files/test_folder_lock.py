@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,20 @@ def test_a_folder_has_one_user_at_a_time_and_stays_while_it_holds_something(tmp_
     with alone_in(folder):
         (folder / "half").unlink()
     assert not folder.exists()
+
+
+def test_a_folder_that_somebody_else_put_there_is_not_used(tmp_path: Path) -> None:
+    """In a folder that all may write into, who makes `town.lcmap.building` first chooses what we write over."""
+    theirs, planted = tmp_path / "theirs", tmp_path / "town.lcmap.building"
+    theirs.mkdir()
+    planted.symlink_to(theirs)
+    with pytest.raises(SourceError, match="is a link, or belongs to another user"), alone_in(planted):
+        pass
+    if os.geteuid() == 0:
+        os.chown(theirs, 65_534, 65_534)
+        with pytest.raises(SourceError, match="is a link, or belongs to another user"), alone_in(theirs):
+            pass
+    assert sorted(tmp_path.iterdir()) == [theirs, planted]
 
 
 @pytest.mark.parametrize(

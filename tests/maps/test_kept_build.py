@@ -1,5 +1,6 @@
 """The build of a map that was ended goes on where it was, and makes the same bytes."""
 
+import json
 from io import BytesIO
 
 import numpy as np
@@ -81,3 +82,47 @@ def test_a_damaged_folder_is_named_and_never_half_believed(tmp_path, damage):
     (tmp_path / "kept.json").write_bytes(damage)
     with pytest.raises((SourceError, SettingsError), match=r"cannot be read|other drives"):
         KeptBuild(tmp_path, {})
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"arrays": "../mine.npz"},
+        {"found": {"0": "../mine.npz"}},
+        {"builder": {"far": [[0, 0, "../mine.npz"]]}},
+        {"builder": {"far": [[0, 0, "../0_0-0.npz"]]}},
+        {"builder": [1]},
+        {"builder": {"scans": "x"}},
+        {"begun": [{"number": 0, "scans": -5}]},
+        {"begun": [{"number": 0, "alignment": "zz"}]},
+    ],
+    ids=str,
+)
+def test_a_state_that_no_build_wrote_is_refused_and_removes_no_other_file(tmp_path, part):
+    """A file that it named as its own, anywhere, was removed once the build went on."""
+    folder = tmp_path / "town.lcmap.building"
+    folder.mkdir()
+    KeptBuild(folder, {}).save(MapBuilder(folder, STEP_UM))
+    (folder / "state-0.npz").rename(tmp_path / "mine.npz")
+    state = json.loads((folder / "kept.json").read_text())
+    (folder / "kept.json").write_text(json.dumps(state | part))
+    with pytest.raises(SourceError, match=r"cannot be read .*delete it"):
+        KeptBuild(folder, {})
+    assert (tmp_path / "mine.npz").exists()
+
+
+@pytest.mark.parametrize("damaged", [lambda data: data[:-9], lambda data: data.replace(b"path", b"haps")])
+def test_damaged_arrays_are_named(tmp_path, damaged):
+    """A disk that lost a part of them ended the command with `unexpected BadZipFile`."""
+    KeptBuild(tmp_path, {}).save(MapBuilder(tmp_path, STEP_UM))
+    there = tmp_path / "state-0.npz"
+    there.write_bytes(damaged(there.read_bytes()))
+    with pytest.raises(SourceError, match="delete it"):
+        KeptBuild(tmp_path, {}).go_on(MapBuilder(tmp_path, STEP_UM))
+
+
+def test_a_state_with_more_drives_than_there_are_is_refused(tmp_path):
+    kept = KeptBuild(tmp_path, {})
+    kept.begin(2, None)
+    with pytest.raises(SourceError, match="more drives"):
+        kept.begun(2)
