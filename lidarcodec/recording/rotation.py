@@ -47,8 +47,9 @@ _POSE_BYTES: Final = 1536
 """Most bytes of a cloud's head, its pose and its mounting."""
 _STEP_NS: Final = 10**9
 """A clock that was set back by so much begins another file, so that the times of a file are one span."""
-_LEAST_MESSAGES: Final = 10
-"""So many messages are in a file before that: a clock that jumps again and again makes no files without number."""
+_LEAST_MESSAGES, _MOST_MESSAGES = 10, 5120
+"""So many messages are in a file before that, twice as many each time, and the least again behind a file that became
+full: a clock that jumps again and again makes no files without number."""
 _SPARE: Final = 3
 """File handles in reserve: a new file, its folder, and one more."""
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
@@ -101,6 +102,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self._file: IO[bytes] | None = None
         self._writer: RecordingWriter | None = None
         self._synced = self._in_file = self._newest_ns = 0
+        self._patience = _LEAST_MESSAGES
         self._made: list[str] = []
         self._spare = SpareHandles(_SPARE)
 
@@ -111,8 +113,10 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         """
         header = wire.peek(data)
         self._look_after_file()
-        set_back = header.stamp_ns < self._newest_ns - _STEP_NS and self._in_file >= _LEAST_MESSAGES
-        if header.key and (self._writer is None or set_back or self._size_with(len(data)) > self.max_file_bytes):
+        set_back = header.stamp_ns < self._newest_ns - _STEP_NS and self._in_file >= self._patience
+        full = self._size_with(len(data)) > self.max_file_bytes
+        if header.key and (self._writer is None or set_back or full):
+            self._patience = _LEAST_MESSAGES if full else min((1 + set_back) * self._patience, _MOST_MESSAGES)
             self._begin(header.stamp_ns, len(data))
         if self._writer is None and self.stopped is None:
             self.counts["waiting for a key message"] += 1

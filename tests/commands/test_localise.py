@@ -1,5 +1,6 @@
 """`localise` from end to end: a drive and a live stream in a map of it, and what is said where that cannot be."""
 
+import io
 import json
 import threading
 import time
@@ -226,3 +227,13 @@ def test_a_line_of_tums_form_reads_back(tmp_path):
     assert np.abs(poses.at(int(poses.stamps_ns[0])) - POSE).max() < 1e-7
     assert np.abs(poses.at(int(poses.stamps_ns[1])) - utm).max() < 1e-3
     assert quaternion_of(POSE)[3] >= 0
+
+
+def test_poses_that_are_not_in_the_file_are_told(caplog):
+    """One scan with a time an hour ahead, and no pose behind it was in the file, without a word."""
+    poses = command._Poses(None, io.StringIO())
+    for second in (1, 2, 3600, 3, 4, 5):
+        poses.write(Estimate(second * 10**9, "tracking", POSE, np.eye(6), 1.0, 1.0))
+    assert poses._file.getvalue().count("\n") == 3
+    poses.say()
+    assert "3 poses are not in the file" in caplog.text

@@ -31,11 +31,21 @@ def test_a_clock_that_is_set_back_begins_a_file_and_one_that_jumps_does_not_begi
         stamp_ns = 10**18 + index * 10**8 - (3600 * 10**9 if index >= 30 and index % 2 else 0)
         assert recorder.write(message(index, True, stamp_ns=stamp_ns))
     recorder.close()
-    assert len(recorder.files()) == 4
+    assert len(recorder.files()) == 3
     for path in recorder.files():
         with path.open("rb") as file:
             stamps = [stamp for stamp, _ in RecordingReader(file).messages()]
             assert RecordingReader(file).span() == (min(stamps), max(stamps))
+
+
+def test_a_clock_that_jumps_all_the_time_makes_few_files(tmp_path: Path) -> None:
+    """Each file is looked at when the next one begins: with a file a second a recorder fell behind within a day."""
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
+    for index in range(2000):
+        assert recorder.write(message(index, True, stamp_ns=10**18 - 3600 * 10**9 * (index // 10 % 2)))
+    recorder.close()
+    assert len(recorder.files()) <= 8
+    assert recorder.counts["messages"] == 2000
 
 
 def test_files_are_changed_at_key_messages_and_the_oldest_go(tmp_path: Path) -> None:

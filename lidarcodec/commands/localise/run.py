@@ -295,6 +295,7 @@ class _Poses:
     def __init__(self, output: Whole | None, file: TextIO | None) -> None:
         self.output, self._file = output, file
         self._last_ns: int | None = None
+        self._earlier = 0
 
     def write(self, estimate: Estimate) -> None:
         """Write the pose of an estimate that has one, if it is later than the last."""
@@ -303,6 +304,16 @@ class _Poses:
         if self._last_ns is None or estimate.stamp_ns > self._last_ns:
             self._file.write(tum_line(estimate.stamp_ns, estimate.pose))
             self._last_ns = estimate.stamp_ns
+        else:
+            self._earlier += 1
+
+    def say(self) -> None:
+        """Warn of poses that are not in the file."""
+        if self._earlier:
+            log.warning(
+                "%d poses are not in the file, because their times are not later than that of one before: did a clock "
+                "jump?", self._earlier,
+            )  # fmt: skip
 
 
 @contextmanager
@@ -328,6 +339,7 @@ def _tell(
     found = {**progress.summary(), "map": str(asked.town), "output": kept, "received": received}
     found["tiles_received"] = found["tile_bytes_received"] = None
     text = progress.line()
+    poses.say()
     if served is not None:
         tiles, size = served.source.tiles, served.source.received
         found |= {"tiles_received": tiles, "tile_bytes_received": size}
