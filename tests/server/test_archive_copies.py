@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -16,10 +18,11 @@ import pytest
 pytest.importorskip("duckdb", reason="needs the extra archive")
 
 from lidarcodec.archive.archive import Archive
+from lidarcodec_server.archived import archived as module
 from lidarcodec_server.archived.archived import Archived
 from lidarcodec_server.archived.copies import PREFIX, Copies
-from lidarcodec_server.archived.errors import FullError
-from lidarcodec_server.archived.finding import segment_of
+from lidarcodec_server.archived.errors import BusyArchiveError, FullError
+from lidarcodec_server.archived.finding import Wanted, segment_of
 from tests.command_line import run_here
 
 KILLED = """
@@ -134,3 +137,39 @@ async def test_a_segment_is_looked_for_once_and_the_search_can_be_ended(archive,
         assert listings == [("commits/",)]
     finally:
         archived.close()
+
+
+async def test_one_client_leaves_searches_and_copies_to_others(archive, segments, monkeypatch):
+    """A viewer that asked all the time, or began downloads and left them, took all places of operators."""
+    archived, go = Archived(archive), threading.Event()
+    monkeypatch.setattr(module, "find", lambda *words: go.wait(20))
+    monkeypatch.setattr(archived._copies, "make", lambda *words: go.wait(20))
+
+    async def refused(work):
+        try:
+            await asyncio.wait_for(work, 0.2)
+        except BusyArchiveError:
+            return True
+        except TimeoutError:  # it waits, and goes on when its client has gone
+            return False
+
+    try:
+        searches = [await refused(archived.find(Wanted(), "anna")) for _ in range(6)]
+        copies = [await refused(archived.borrow(f"{number:024x}", None, "anna")) for number in range(6)]
+        assert searches == copies == [False] * 4 + [True] * 2
+        assert not await refused(archived.find(Wanted(), "olga"))
+        assert not await refused(archived.borrow(segments[0], None, "olga"))
+        go.set()
+        await until_none(archived)
+        assert not await refused(archived.find(Wanted(), "anna"))
+    finally:
+        go.set()
+        archived.close()
+
+
+async def until_none(archived):
+    end = time.monotonic() + 20
+    while (archived._looking or archived._copying) and time.monotonic() < end:
+        await asyncio.sleep(0.01)
+    assert not archived._looking
+    assert not archived._copying

@@ -9,6 +9,7 @@ import asyncio
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -24,8 +25,8 @@ from lidarcodec_server.limits import SparseLog
 
 logger = logging.getLogger(__name__)
 
-QUERIES, COPIES, WAITING = 2, 4, 8
-"""Threads for queries and for copies, and most requests for each that run or wait."""
+QUERIES, COPIES, WAITING, OF_CLIENT = 2, 4, 8, 4
+"""Threads for queries and for copies, and most requests for each that run or wait: of all clients, and of one."""
 FIND_S: Final = 15.0
 COPY_S: Final = 120.0
 """Longest waits of a client for a list, and for a copy of a segment."""
@@ -40,62 +41,69 @@ class Archived:
         self._warnings = SparseLog(logger)
         self._finders = ThreadPoolExecutor(QUERIES, "lidarcodec archive query")
         self._copiers = ThreadPoolExecutor(COPIES, "lidarcodec archive copy")
-        self._looking, self._ended = 0, False
+        self._looking: Counter[str] = Counter()
+        self._copying: Counter[str] = Counter()
+        self._ended = False
         self._coming: dict[str, asyncio.Future[None]] = {}
 
-    async def find(self, wanted: Wanted) -> Page:
-        """Segments, the newest first.
+    async def find(self, wanted: Wanted, client: str = "") -> Page:
+        """Segments, the newest first. client: name of who asks
 
         Raises SettingsError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
-        return await self._look(lambda: find(self._archive, wanted, self._warnings.warning))
+        return await self._look(client, lambda: find(self._archive, wanted, self._warnings.warning))
 
-    async def known(self, segment: str) -> Known:
+    async def known(self, segment: str, client: str = "") -> Known:
         """A segment by its commit. Raises NoSegmentError and what `find` raises."""
         end_s = time.monotonic() + FIND_S
 
         def stopped() -> bool:
             return self._ended or time.monotonic() > end_s
 
-        return await self._look(lambda: segment_of(self._archive, segment, stopped))
+        return await self._look(client, lambda: segment_of(self._archive, segment, stopped))
 
-    async def _look(self, work: Callable[[], T]) -> T:
-        if self._looking >= WAITING:
+    async def _look(self, client: str, work: Callable[[], T]) -> T:
+        if _is_full(self._looking, client):
             raise BusyArchiveError("too many searches of the archive are running: try again")
-        self._looking += 1
+        self._looking[client] += 1
         running = asyncio.get_running_loop().run_in_executor(self._finders, work)
-        running.add_done_callback(self._looked)
+
+        def over(done: asyncio.Future[T]) -> None:
+            self._looking -= Counter([client])
+            _seen(done)
+
+        running.add_done_callback(over)
         with self._errors():
             return await _in_time(running, FIND_S)
 
-    def _looked(self, done: asyncio.Future[Any]) -> None:
-        self._looking -= 1
-        _seen(done)
-
-    async def borrow(self, segment: str, known: Known | None = None) -> tuple[Path, Callable[[], object]]:
+    async def borrow(
+        self, segment: str, known: Known | None = None, client: str = ""
+    ) -> tuple[Path, Callable[[], object]]:
         """The recording of a segment as a file, and what to call when it is no longer read.
 
-        known: the segment, if it was found already
+        known: the segment, if it was found already;  client: name of who asks
         Raises NoSegmentError, FullError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
         give_back = self._copies.borrow(segment) if segment not in self._coming else None
         if give_back is None:
-            await self._copy(segment, known)
+            await self._copy(segment, known, client)
             give_back = self._copies.borrow(segment)
         if give_back is None:  # others needed its room at once
             raise BusyArchiveError("the server's space for copies of segments is in use: try again")
         return self._copies.path(segment), give_back
 
-    async def _copy(self, segment: str, known: Known | None) -> None:
+    async def _copy(self, segment: str, known: Known | None, client: str) -> None:
         running = self._coming.get(segment)
         if running is None:
-            if len(self._coming) >= WAITING:
+            if _is_full(self._copying, client):
                 raise BusyArchiveError("too many segments are being fetched from the archive: try again")
+            self._copying[client] += 1
             running = asyncio.get_running_loop().run_in_executor(self._copiers, self._make, segment, known)
             self._coming[segment] = running
 
             def over(done: asyncio.Future[None]) -> None:
                 del self._coming[segment]
+                self._copying -= Counter([client])
                 _seen(done)
 
             running.add_done_callback(over)
@@ -139,6 +147,11 @@ class Archived:
         except SourceError as error:
             self._warnings.warning("the archive is damaged: %s", error)
             raise DamagedArchiveError("this part of the archive is damaged; the server's log has the reason") from None
+
+
+def _is_full(places: Counter[str], client: str) -> bool:
+    """Whether all places are taken, or those of a client. A copy goes on though its client has gone."""
+    return places.total() >= WAITING or places[client] >= OF_CLIENT
 
 
 async def _in_time(running: asyncio.Future[T], limit_s: float) -> T:

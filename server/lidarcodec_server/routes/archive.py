@@ -118,7 +118,7 @@ async def segments(
         raise SettingsError("'from' is later than 'to'", "from")
     place = None if around is None else place_of(around)
     with _problems():
-        found = await archive.find(Wanted(vehicle, sensor, from_ns, to_ns, place, radius, limit, after))
+        found = await archive.find(Wanted(vehicle, sensor, from_ns, to_ns, place, radius, limit, after), client.name)
     answers = [SegmentAnswer.of(one, recordings.playing(one.segment)) for one in found.segments]
     return SegmentsAnswer(segments=answers, next=found.next, lost=found.lost)
 
@@ -129,7 +129,7 @@ async def download(client: Viewer, archive: TheArchive, downloads: TheDownloads,
     give_back = downloads.take(client.name)
     try:
         with _problems():
-            path, release = await archive.borrow(segment)
+            path, release = await archive.borrow(segment, client=client.name)
 
         def over() -> None:
             release()
@@ -158,12 +158,12 @@ async def play(
     operation.about = {"segment": segment}
     wanted = checked(body)
     with _problems(), recording_problems():
-        known, sensor = None, wanted.sensor
+        known, sensor, name = None, wanted.sensor, operation.client.name
         if sensor is None:
-            known = await archive.known(segment)
+            known = await archive.known(segment, name)
             sensor = known.commit.sensor
         request = play_request(service, operation, wanted, segment, sensor)
-        playing = await recordings.play_file(segment, request, lambda: archive.borrow(segment, known))
+        playing = await recordings.play_file(segment, request, lambda: archive.borrow(segment, known, name))
     return PlayingAnswer.of(playing)
 
 
