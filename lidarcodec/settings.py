@@ -306,7 +306,7 @@ class StreamSettings(Described):
             return None
         return int(self.framing.partition(":")[2] or FRAME_PACKETS)
 
-    def changed(self, **changes: Unpack[SettingChanges]) -> StreamSettings:
+    def changed(self, /, **changes: Unpack[SettingChanges]) -> StreamSettings:
         """These settings with some fields changed; a new codec starts with its own default settings.
 
         Raises SettingsError, and changes nothing, if any of it is not allowed.

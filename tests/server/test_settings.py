@@ -378,3 +378,13 @@ async def test_a_wrong_name_is_no_stream_unless_one_says_that_it_is_to_come(serv
         assert taken.status_code == 202
         again = await client.patch("/api/v1/streams/car-77/roof/settings", json={"codec": "raw"})
         assert again.status_code == 202, "it is known by now"
+
+
+async def test_a_field_that_is_no_setting_is_refused_whatever_its_name(serving, vehicle):
+    vehicle()
+    async with serving() as client:
+        await there(client)
+        for name in ("self", "changes", "model_config"):
+            for asked in ("", "?strict=true"):
+                refused = await client.patch(f"{STREAM}/settings{asked}", json={name: 1})
+                assert (refused.status_code, refused.json()["field"]) == (422, name)

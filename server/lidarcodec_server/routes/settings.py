@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from lidarcodec.pipeline import check
+from lidarcodec.apps.control import settings_with
 from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server.auth import Viewer
@@ -85,7 +85,7 @@ async def change(
 def _check_reach(state: State, changes: dict[str, Any]) -> None:
     """Raise ProblemError if settings with these changes have a target bitrate that is out of reach."""
     before = state.applied or StreamSettings.model_validate(state.desired or {})
-    warning = reach_warning(check(before.changed(**changes)), state.images)
+    warning = reach_warning(settings_with(before, changes), state.images)
     if warning is not None:
         raise ProblemError(422, f"{warning.message}: {warning.remedy}", warning.code, field="target_kbps")
 
