@@ -101,7 +101,8 @@ class FromHere:
     As long as there are no tokens, a browser on this machine needs none; a page from elsewhere must not use that. Such
     a page can send changing requests and open WebSockets, but it cannot set `Origin`. It can resolve its own name to
     this machine (DNS rebinding), but it cannot set `Host`. It must not show a picture from here either. For pictures
-    browsers send no `Origin`; they send `Sec-Fetch-Site` and obey Cross-Origin-Resource-Policy.
+    browsers send no `Origin`; they send `Sec-Fetch-Site` and obey Cross-Origin-Resource-Policy. It may lead the
+    browser to our page, but not to the API, where a GET may begin a fetch.
     """
 
     def __init__(self, app: ASGIApp, needs_local_host: Callable[[], bool]) -> None:
@@ -110,17 +111,18 @@ class FromHere:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] in ("http", "websocket"):
-            reason = self._reason(scope, Headers(scope=scope))
+            reason = self._reason(scope, Headers(scope=scope), page=not scope["path"].startswith(GUARDED))
             if reason is not None:
                 await refuse(scope, receive, send, ProblemError(403, reason, "origin"))
                 return
         await self._app(scope, receive, send)
 
-    def _reason(self, scope: Scope, headers: Headers) -> str | None:
+    def _reason(self, scope: Scope, headers: Headers, *, page: bool) -> str | None:
         host = headers.get("host", "")
         if self._needs_local_host() and not is_loopback(_hostname(host)):
             return "without any token, this server answers only to localhost and its addresses"
-        if headers.get("sec-fetch-site") in ELSEWHERE and headers.get("sec-fetch-mode") != "navigate":
+        led_here = page and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site") in ELSEWHERE and not led_here:
             return "a page of another origin may not read anything here"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):

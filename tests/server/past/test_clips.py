@@ -42,6 +42,17 @@ async def test_a_clip_is_fetched_once_and_then_here(serving, keeping):
         assert await actions(client) == ["fetch"], "exactly one entry: the second request changed nothing"
 
 
+async def test_a_page_of_another_site_begins_no_fetch(serving, keeping):
+    """It led the browser of an operator there: a clip was fetched, and the oldest one went where there was no room."""
+    keeping()
+    async with serving() as client:
+        await seen(client)
+        for site in ("cross-site", "same-site"):
+            led = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
+            assert (await client.get(PAST, params=span(12, 27), headers=led)).status_code == 403
+        assert (await client.get(FETCHES)).json() == []
+
+
 async def test_a_clip_is_played_as_a_stream_and_stopped_again(serving, keeping):
     keeping(lambda folder: kept(folder, 12))
     async with serving() as client:
