@@ -11,7 +11,11 @@ a gate (gate.py), because Foxglove's server does not limit their number.
 
 from __future__ import annotations
 
+import contextlib
+import ipaddress
 import json
+import secrets
+import socket
 import threading
 import time
 from collections import Counter
@@ -20,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.bridges.gate import MAX_VIEWERS, Gate
+from lidarcodec.bridges.origins import Origins
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.bridges.viewer_log import ViewerLog
 from lidarcodec.errors import MissingExtraError, TransportError
@@ -36,7 +41,7 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
 INSIDE: Final = "127.0.0.1"
-"""Address on which Foxglove's server listens for the gate."""
+"""Address on which Foxglove's server listens for the gate where this machine has no more of them, as under macOS."""
 WAITING: Final = 4
 """Most messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
 ON_THE_WAY: Final = 2
@@ -134,9 +139,11 @@ class FoxgloveBridge:
         until_end: bool = False,
         fill: bool | None = None,
         max_viewers: int = MAX_VIEWERS,
+        origins: Sequence[str] = (),
     ) -> None:
         """host, port: where to listen; port 0 takes a free one
         max_viewers: at once; half of them, rounded up, may be of one address
+        origins: of web pages that may be viewers, beside those of Foxglove and of this machine
 
         fill: whether to interpolate returns between the columns of thinned frames, and mark them; None: except in
         streams with the purpose `localise` or `detect`
@@ -149,7 +156,7 @@ class FoxgloveBridge:
         self._foxglove = foxglove
         self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
         self.host, self.port, self._fill = host, port, fill
-        self.gate = Gate(host, port, max_viewers)
+        self.gate = Gate(host, port, max_viewers, Origins(origins).refusal)
         self.counts: Counter[str] = Counter()
         self._counting = threading.Lock()
         self._viewer_log = ViewerLog(lambda: self._count(complaints=1))
@@ -166,10 +173,11 @@ class FoxgloveBridge:
         """
         self.gate.listen()
         self._viewer_log.open()
+        inside = _inside()
         try:
             self._server = self._foxglove.start_server(
                 name="lidarcodec",
-                host=INSIDE,
+                host=inside,
                 port=0,
                 context=self._context,
                 message_backlog_size=WAITING * len(self._streams.keys),
@@ -177,10 +185,10 @@ class FoxgloveBridge:
         except (RuntimeError, OSError, ValueError) as error:
             self._viewer_log.close()
             self.gate.close()
-            raise TransportError(f"the Foxglove server cannot listen on {INSIDE}: {error}") from None
+            raise TransportError(f"the Foxglove server cannot listen on {inside}: {error}") from None
         self.port = self.gate.port
         self._channels = {key: _Channels(key, self._context) for key in self._streams.keys}
-        self.gate.open((INSIDE, self._server.port))
+        self.gate.open((inside, self._server.port))
         self._streams.start()
         self._thread.start()
         return self
@@ -254,6 +262,15 @@ class FoxgloveBridge:
                 if channels.statistics.has_sinks():
                     found = _statistics(key, self._streams, channels)
                     channels.statistics.log(json.dumps(found).encode(), log_time=time.time_ns())
+
+
+def _inside() -> str:
+    """An address of this machine, by lot: a web page that tries port after port does not find Foxglove's server."""
+    address = str(ipaddress.IPv4Address((127 << 24) + 2 + secrets.randbelow((1 << 24) - 4)))
+    with contextlib.suppress(OSError), socket.socket() as trial:
+        trial.bind((address, 0))
+        return address
+    return INSIDE
 
 
 def room(most: int, cloud_bytes: Sequence[int]) -> int:

@@ -15,6 +15,7 @@ import socket
 import struct
 import threading
 from collections import Counter
+from collections.abc import Callable
 from typing import Final
 
 from lidarcodec.apps.ending import ended
@@ -25,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 MAX_VIEWERS: Final = 16
 BEGIN_S: Final = 10.0
-"""Longest time until a viewer has sent a request and the server has answered."""
+"""Longest times until a viewer has sent the head of its request, and then until the server has answered."""
 LAG_S: Final = 20.0
 """Longest time without reading, while half a megabyte waits here and the system's buffer is full."""
 SENDS_AT_ONCE, SENDS_A_SECOND = 2**20, 1024
@@ -43,6 +44,7 @@ _AT_ONCE: Final = 256 * 1024
 _FROM_SERVER, _TO_VIEWER = 256 * 1024, 1024 * 1024
 """Sizes of the system's buffers. The one from the server is small: the server drops old frames, the system does not."""
 _FULL: Final = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+_FORBIDDEN: Final = b"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 _V6_NETWORK: Final = 64
 """Bits of an IPv6 address that tell one network from another. A host may take any address in its network."""
 
@@ -63,9 +65,18 @@ class Gate:
     for nothing or sent too much
     """
 
-    def __init__(self, host: str, port: int, most: int = MAX_VIEWERS) -> None:
-        """most: viewers at once; half of them, rounded up, may be of one address."""
-        self.host, self.port, self.most = host, port, most
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        most: int = MAX_VIEWERS,
+        refusal: Callable[[bytes], str | None] = lambda head: None,
+    ) -> None:
+        """most: viewers at once; half of them, rounded up, may be of one address
+
+        refusal: why a request with this head is refused; None if it is not
+        """
+        self.host, self.port, self.most, self._refusal = host, port, most, refusal
         self.counts: Counter[str] = Counter()
         self._listener: socket.socket | None = None
         self._thread: threading.Thread | None = None
@@ -144,12 +155,19 @@ class Gate:
                 writer.write(_FULL)
                 await _closed(writer)
                 return
-            self.counts["viewers"] += 1
             self._networks[network] += 1
             viewer = _Viewer(address, asyncio.current_task())
             self._viewers.append(viewer)
             try:
-                await _hand_on(server, reader, writer, viewer)
+                head = await _head(reader)
+                why = self._refusal(head)
+                if why is not None:
+                    self._say("refused", address, why)
+                    writer.write(_FORBIDDEN)
+                    await _closed(writer)
+                    return
+                self.counts["viewers"] += 1
+                await _hand_on(server, reader, writer, viewer, head)
             except _EndError as error:
                 self._say("ended", address, str(error))
                 writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NOTHING_MORE)
@@ -183,10 +201,24 @@ class _EndError(Exception):
     """A viewer has to go."""
 
 
+async def _head(reader: asyncio.StreamReader) -> bytes:
+    """The head of a viewer's request. Raises _EndError."""
+    try:
+        async with asyncio.timeout(BEGIN_S):
+            return await reader.readuntil(b"\r\n\r\n")
+    except TimeoutError:
+        raise _EndError(f"it sent no request within {BEGIN_S:g} s") from None
+    except (asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+        raise _EndError("it sent no request of a usual length") from None
+
+
 async def _hand_on(
-    server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter, viewer: _Viewer
+    server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter, viewer: _Viewer, head: bytes
 ) -> None:
-    """Hand bytes on between a viewer and the server until one of them ends. Raises _EndError, OSError."""
+    """Hand bytes on between a viewer and the server until one of them ends. head: of its request, which was read
+
+    Raises _EndError, OSError.
+    """
     outer: socket.socket = writer.get_extra_info("socket")
     outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_VIEWER)
     outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_GONE_S * 1000))
@@ -199,6 +231,7 @@ async def _hand_on(
     except BaseException:
         inner.close()
         raise
+    questions.write(head)
     ways = [asyncio.create_task(_ask(reader, questions)), asyncio.create_task(_answer(answers, writer, viewer))]
     try:
         done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
@@ -227,7 +260,7 @@ async def _answer(server: asyncio.StreamReader, writer: asyncio.StreamWriter, vi
         async with asyncio.timeout(BEGIN_S):
             data = await server.read(_AT_ONCE)
     except TimeoutError:
-        raise _EndError(f"it sent no request within {BEGIN_S:g} s") from None
+        raise _EndError(f"its request was not answered within {BEGIN_S:g} s") from None
     while data:
         viewer.waits_since_s = asyncio.get_running_loop().time()
         await _send(writer, data)

@@ -122,6 +122,15 @@ def foxglove(
             help="Largest number of viewers. One address can have half of them.",
         ),
     ] = 16,
+    allow_origin: Annotated[
+        list[str] | None,
+        Option(
+            "--allow-origin",
+            metavar="ORIGIN",
+            help="A web page that may connect, as https://HOST. Repeatable. Foxglove's own pages and those of this "
+            "machine always may.",
+        ),
+    ] = None,
     until_end: UntilEnd = False,
     connect: Connect = None,
     listen: Listen = None,
@@ -133,8 +142,9 @@ def foxglove(
 
     given = endpoints_of((connect or [], listen or [], zenoh_config))
     bridge = FoxgloveBridge(
-        streams, host=host, port=port, endpoints=given, until_end=until_end, fill=fill, max_viewers=max_viewers
-    )
+        streams, host=host, port=port, endpoints=given, until_end=until_end, fill=fill, max_viewers=max_viewers,
+        origins=allow_origin or (),
+    )  # fmt: skip
     _run(bridge, as_json)
 
 

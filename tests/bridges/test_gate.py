@@ -12,6 +12,8 @@ import pytest
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges import gate as gates
 from lidarcodec.bridges.gate import Gate
+from lidarcodec.bridges.origins import Origins
+from lidarcodec.errors import SettingsError
 from tests.apps.streams import Loop
 from tests.command_line import start
 from tests.transport.conftest import free_port
@@ -65,7 +67,7 @@ def gate(server):
         one.close()
 
 
-def viewer(one: Gate, address: str = "127.0.0.1", says: bytes = b"GET") -> socket.socket:
+def viewer(one: Gate, address: str = "127.0.0.1", says: bytes = b"GET / HTTP/1.1\r\n\r\n") -> socket.socket:
     """A connection that has asked for something."""
     made = socket.create_connection(("127.0.0.1", one.port), 10.0, source_address=(address, 0))
     made.sendall(says)
@@ -111,6 +113,47 @@ def test_a_viewer_that_asks_for_nothing_or_takes_nothing_is_ended(gate, monkeypa
             with pytest.raises(OSError, match="reset"):
                 list(iter(lambda one=gone: one.recv(2**20), b""))
     assert len([line for line in caplog.messages if "ended a viewer" in line]) == 1
+
+
+PAGES = {
+    "https://app.foxglove.dev": True,
+    "http://localhost:8080": True,
+    "http://[::1]:80": True,
+    "http://10.0.0.5:3000": True,
+    "https://own.example": True,
+    "file://": True,
+    "https://news.example": False,
+    "https://app.foxglove.dev.news.example": False,
+    "https://app.foxglove.dev:444": False,
+    "http://10.0.0.6": False,
+    "null": False,
+    "": False,
+}
+
+
+def test_a_web_page_from_elsewhere_is_no_viewer(server, caplog):
+    """A browser lets any page connect to this machine: each could read the clouds and the way of the vehicle."""
+    one = Gate("127.0.0.1", 0, 4, Origins(["https://own.example"]).refusal)
+    one.listen()
+    one.open(server)
+    try:
+        for origin, may in PAGES.items():
+            head = f"GET / HTTP/1.1\r\nHost: 10.0.0.5:8765\r\noRiGin: {origin}\r\n\r\n".encode()
+            with viewer(one, says=head) as page:
+                assert is_in(page) == may, origin
+        both = b"GET / HTTP/1.1\r\nOrigin: http://localhost\r\nOrigin: https://news.example\r\n\r\n"
+        with viewer(one, says=both) as page:
+            assert page.recv(100).startswith(b"HTTP/1.1 403 ")
+    finally:
+        one.close()
+    (said,) = [line for line in caplog.messages if "refused" in line]
+    assert "https://news.example" in said
+
+
+@pytest.mark.parametrize("wrong", ["news.example", "https://", "https://a/b", "ftp://a", "*"])
+def test_what_is_no_origin_is_refused(wrong):
+    with pytest.raises(SettingsError, match="is no origin"):
+        Origins([wrong])
 
 
 def test_a_viewer_that_sends_too_much_is_ended(gate):
