@@ -68,6 +68,8 @@ async def test_every_viewer_gets_what_localise_says_and_then_that_it_is_lost(tmp
         {"state": "here"}, {"stamp_ns": 1.5}, {"stamp_ns": -1}, {"stamp_ns": True}, {"map": "m" * 65}, {"map": None},
         {"map": "a\nb"}, {"map": "a\u202eb"}, {"frame": "\u2066b"},
         {"T_world_sensor": [0.0] * 11}, {"T_world_sensor": None}, {"T_world_sensor": ["0"] * 12},
+        {"T_world_sensor": [0.0] * 12}, {"T_world_sensor": [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0]},
+        {"T_world_sensor": [9.9e7] * 12}, {"sigma_m": [0.1, -1, 0]}, {"sigma_deg": [0, 0, -1e-9]},
         {"sigma_m": [1e9, 0, 0]}, {"sigma_deg": [True, 0, 0]}, {"sigma_m": [float("nan")] * 3},
     ],
 )  # fmt: skip

@@ -19,6 +19,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+import numpy as np
+
 from lidarcodec.settings import is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import Closeable
@@ -37,6 +39,7 @@ PERIOD_S: Final = 0.1
 MOST_PROGRAMS: Final = 8
 FORGET_S: Final = 10.0
 WORD: Final = 64
+NOT_RIGID: Final = 1e-3
 Tell = Callable[[list[dict[str, Any]]], object]
 
 
@@ -127,7 +130,19 @@ def located_event(receiver: str, data: bytes) -> dict[str, Any] | None:
             event[name] = _numbers(fields.get(name), count)
             if event[name] is None:
                 return None
+        if not _is_rigid(event["T_world_sensor"]) or min(*event["sigma_m"], *event["sigma_deg"]) < 0:
+            return None
     return event
+
+
+def _is_rigid(numbers: list[float]) -> bool:
+    """Whether the rotation of three rows of a pose is one.
+
+    >>> _is_rigid([0, -1, 0, 5, 1, 0, 0, 6, 0, 0, 1, 7]), _is_rigid([0.0] * 12)
+    (True, False)
+    """
+    rows = np.array(numbers, np.float64).reshape(3, 4)[:, :3]
+    return bool(np.abs(rows @ rows.T - np.eye(3)).max() < NOT_RIGID and np.linalg.det(rows) > 0)
 
 
 def _numbers(value: Any, count: int) -> list[float] | None:
