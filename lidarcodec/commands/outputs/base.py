@@ -21,6 +21,8 @@ NARROW: Final = np.dtype(
      ("t", "<f8")]
 )  # fmt: skip
 """A point with what all formats of points hold; `t` in seconds since the first point of the output."""
+NARROW_M: Final = 16_384.0
+"""Farther coordinates of 32 bits are more than a millimetre apart."""
 RETURN_NUMBER: Final = "return_number"
 """Field of a cloud and of rows where all returns are asked for: 1 or 2."""
 WIDE: Final = np.dtype([(name, "<u2" if name == "intensity" else NARROW[name].str) for name in NARROW.names or ()])
@@ -59,10 +61,24 @@ def is_wide(frame: Frame, cloud: Cloud) -> bool:
     return frame.sensor.is_cloud or cloud["intensity"].dtype != np.uint8
 
 
-class Rows:
-    """Turns clouds into rows of one type: that of the first frame, whose sensor says how wide intensities are.
+def check_near(frame: Frame, cloud: Cloud, ending: str) -> None:
+    """Raise SettingsError for points that were moved so far that a format with coordinates of 32 bits blurs them."""
+    if cloud["x"].dtype.itemsize > 4 and len(cloud):
+        far_m = max(float(np.abs(cloud[axis]).max()) for axis in "xyz")
+        if not far_m <= NARROW_M:
+            others = ".las, .csv or .e57" if ending == ".ply" else ".ply, .las, .csv or .e57"
+            raise SettingsError(
+                f"points of frame {frame.index} are {far_m:,.0f} m away, and {ending} has coordinates of 32 bits here, "
+                f"which are {np.spacing(np.float32(far_m)):.3g} m apart there: write {others}"
+            )
 
-    dtype: NARROW or WIDE, known after the first frame, or always REAL; with RETURN_NUMBER if the clouds have it
+
+class Rows:
+    """Turns clouds into rows of one type: that of the first frame, whose sensor says how wide intensities are, and
+    whether coordinates have 64 bits.
+
+    dtype: NARROW or WIDE, with the coordinates of the clouds, known after the first frame, or always REAL; with
+           RETURN_NUMBER if the clouds have it
     """
 
     def __init__(self, ending: str, *, real: bool = False) -> None:
@@ -74,13 +90,19 @@ class Rows:
     def of(self, frame: Frame, cloud: Cloud) -> npt.NDArray[np.void]:
         """(N,) rows of `dtype`.
 
-        Raises SettingsError if the number of the frame is too large.
+        Raises SettingsError if the number of the frame is too large, or points are too far away for 32 bits.
         """
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
             self.dtype = REAL if self._real else WIDE if is_wide(frame, cloud) else NARROW
             if RETURN_NUMBER in (cloud.dtype.names or ()):
                 self.dtype = np.dtype([*self.dtype.descr, (RETURN_NUMBER, "u1")])
+            if not self._real:
+                axes = {axis: cloud[axis].dtype.str for axis in "xyz"}
+                names = self.dtype.names or ()
+                self.dtype = np.dtype([(name, axes.get(name, self.dtype[name].str)) for name in names])
+        if self.dtype["x"].itemsize == 4:
+            check_near(frame, cloud, self._ending)
         rows = np.empty(len(cloud), self.dtype)
         for name in ("x", "y", "z", "laser", "ring"):
             rows[name] = cloud[name]

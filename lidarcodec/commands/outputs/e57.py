@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +14,10 @@ from lidarcodec.frame import Frame
 
 class E57Output:
     """A scan for each frame, with its number as name: x y z in metres, intensity as the sensor sends it, and the ring
-    as row. A frame without points gives no scan."""
+    as row. A frame without points gives no scan. Coordinates have 32 bits: far points are written from near them, and
+    the pose of the scan says from where."""
+
+    FAR_M: Final = 1024.0
 
     def __init__(self, path: Path) -> None:
         import pye57
@@ -25,11 +29,13 @@ class E57Output:
     def write(self, frame: Frame, cloud: Cloud) -> None:
         if not len(cloud):
             return
-        data = {f"cartesian{axis.upper()}": cloud[axis].astype(np.float64) for axis in "xyz"}
+        middle = np.array([cloud[axis].mean(dtype=np.float64) for axis in "xyz"])
+        begin = np.where(np.abs(middle) < self.FAR_M, 0.0, np.round(middle, -3))
+        data = {f"cartesian{axis.upper()}": cloud[axis] - begin[at] for at, axis in enumerate("xyz")}
         data["intensity"] = cloud["intensity"].astype(np.float32)
         data["rowIndex"] = cloud["ring"].astype(np.int32)
         data["columnIndex"] = np.zeros(len(cloud), np.int32)
-        self._file.write_scan_raw(data, name=f"frame {frame.index}")
+        self._file.write_scan_raw(data, name=f"frame {frame.index}", translation=begin)
 
     def close(self) -> None:
         self._file.close()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcodec.commands.outputs.base import Cloud
+from lidarcodec.commands.outputs.base import Cloud, check_near
 from lidarcodec.frame import Frame
 
 
@@ -18,6 +18,7 @@ class KittiScan:
         self._path = path
 
     def write(self, frame: Frame, cloud: Cloud) -> None:
+        check_near(frame, cloud, ".bin")
         order = np.argsort(cloud["ring"], kind="stable")
         rows = np.empty((len(cloud), 4), "<f4")
         for at, axis in enumerate("xyz"):

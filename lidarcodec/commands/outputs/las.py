@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.commands.outputs.base import RETURN_NUMBER, Cloud, is_wide
+from lidarcodec.commands.outputs.base import NO_CLOUD, RETURN_NUMBER, Cloud, is_wide
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
+
+if TYPE_CHECKING:
+    import laspy
 
 GPS_EPOCH_S: Final = 315_964_800
 """Begin of GPS time, 6 January 1980, in seconds of Unix time."""
@@ -49,6 +52,8 @@ class LasOutput:
     = laser, gps_time = adjusted standard GPS time, as the flags of the file say."""
 
     STEP_M: Final = 0.001
+    FAR_M: Final = 1e5
+    """Points that begin farther away are written from there: coordinates reach 2,147 km."""
     COMPRESSED = False
 
     def __init__(self, path: Path) -> None:
@@ -60,12 +65,23 @@ class LasOutput:
         header.generating_software = "lidarcodec"
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
         header.global_encoding.wkt = True  # LAS 1.4 asks for it with this point format, even without a map projection
-        self._header = header
-        self._writer = laspy.open(path, mode="w", header=header, do_compress=self.COMPRESSED)
+        self._header, self._path = header, path
+        self._opened: laspy.LasWriter | None = None
+
+    def _writer(self, cloud: Cloud) -> laspy.LasWriter:
+        """The file, which begins where the first points are. cloud: the first one"""
+        import laspy
+
+        if self._opened is None:
+            middle = np.array([cloud[axis].mean(dtype=np.float64) if len(cloud) else 0.0 for axis in "xyz"])
+            self._header.offsets = np.where(np.abs(middle) < self.FAR_M, 0.0, np.round(middle, -3))
+            self._opened = laspy.open(self._path, mode="w", header=self._header, do_compress=self.COMPRESSED)
+        return self._opened
 
     def write(self, frame: Frame, cloud: Cloud) -> None:
         import laspy
 
+        writer = self._writer(cloud)
         points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=self._header)
         try:
             points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
@@ -78,10 +94,10 @@ class LasOutput:
         points.gps_time = gps_seconds(cloud["t_ns"])
         number = cloud[RETURN_NUMBER] if RETURN_NUMBER in (cloud.dtype.names or ()) else np.ones(len(cloud), np.uint8)
         points.return_number, points.number_of_returns = number, returns_of_beams(cloud, number)
-        self._writer.write_points(points)
+        writer.write_points(points)
 
     def close(self) -> None:
-        self._writer.close()
+        self._writer(NO_CLOUD).close()
 
 
 class LazOutput(LasOutput):

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import Returns
+from lidarcodec.commands.outputs.base import NARROW_M
 from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.frame import Frame
@@ -22,6 +23,8 @@ from lidarcodec.mounting import transform_of, vehicle_pose
 Cloud = npt.NDArray[np.void]
 Matrix = npt.NDArray[np.float64]
 AXES: Final = "xyz"
+WIDE_M: Final = 1024.0
+"""Points that are moved farther get coordinates of 64 bits: those of 32 bits are half a metre apart in UTM."""
 
 
 class Placing:
@@ -46,6 +49,7 @@ class Placing:
         self.moved = merge or T_out_sensor is not None
         self.T_out_sensor = np.eye(4) if T_out_sensor is None else T_out_sensor
         self._T_first_world: Matrix | None = None
+        self._wide = float(np.abs(self.T_out_sensor[:3, 3]).max()) >= WIDE_M
 
     @classmethod
     def of(cls, region: str | None, transform: str | None, *, merge: bool, returns: str = "first") -> Placing:
@@ -71,7 +75,7 @@ class Placing:
         return ", ".join(name for name, there in names.items() if there)
 
     def points(self, frame: Frame) -> Cloud:
-        """(N,) structured array: points of a frame, moved and cut.
+        """(N,) structured array: points of a frame, moved and cut. Coordinates have 64 bits where points are far away.
 
         Raises SettingsError if poses are needed and the frame has none.
         """
@@ -82,7 +86,8 @@ class Placing:
         if self.moved:
             T = self.T_out_sensor @ self._pose(frame) if self.merge else self.T_out_sensor
             xyz = xyz @ T[:3, :3].T + T[:3, 3]
-            cloud = cloud.copy()
+            wide = self._wide or float(np.abs(xyz).max(initial=0.0)) > NARROW_M
+            cloud = cloud.astype(_with_wide_axes(cloud.dtype)) if wide else cloud.copy()
             for at, axis in enumerate(AXES):
                 cloud[axis] = xyz[:, at]
         if self.region is None:
@@ -102,6 +107,10 @@ class Placing:
         if self._T_first_world is None:
             self._T_first_world = np.asarray(np.linalg.inv(vehicle_pose(frame.pose, frame.mount)), np.float64)
         return np.asarray(self._T_first_world @ frame.pose, np.float64)
+
+
+def _with_wide_axes(dtype: np.dtype[np.void]) -> np.dtype[np.void]:
+    return np.dtype([(name, "<f8" if name in AXES else dtype[name].str) for name in dtype.names or ()])
 
 
 def _region(text: str) -> Matrix:
