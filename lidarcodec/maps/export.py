@@ -13,6 +13,8 @@ from lidarcodec.errors import MissingExtraError, SettingsError
 from lidarcodec.maps.points import MapPoints
 
 ENDINGS: Final = (".pcd", ".ply", ".las")
+FAR_M: Final = 16_384.0
+"""Farther coordinates of 32 bits are more than a millimetre apart."""
 _NORMALS: Final = ("normal_x", "normal_y", "normal_z")
 
 
@@ -25,14 +27,16 @@ def check_ending(path: Path) -> None:
 
 
 def export(points: MapPoints, path: Path, ending: str) -> None:
-    """Write a map to `path` in the format of an ending. In UTM, PCD has doubles, too: float32
-    is right to 0.25 m only, because northings are so large."""
+    """Write a map to `path` in the format of an ending. In UTM, and wherever points are far away, PCD has doubles, too:
+    float32 is right to 0.25 m only, because northings are so large.
+
+    Raises SettingsError for points that are too far apart for .las.
+    """
     if ending == ".las":
         _las(points, path)
         return
-    rows = _rows(
-        points, "<f8" if ending == ".ply" or points.frame.zone else "<f4", "n" if ending == ".ply" else "normal_"
-    )
+    far = points.frame.zone or np.abs(points.xyz).max(initial=0.0) > FAR_M
+    rows = _rows(points, "<f8" if ending == ".ply" or far else "<f4", "n" if ending == ".ply" else "normal_")
     names = rows.dtype.names or ()
     if ending == ".ply":
         kinds = {"<f8": "double", "<f4": "float"}
@@ -70,6 +74,8 @@ def _las(points: MapPoints, path: Path) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.generating_software = np.full(3, points.step_m), "lidarcodec"
     least = points.steps.min(axis=0)
+    if (points.steps - least).max() >= 1 << 31:
+        raise SettingsError("the points of this map are too far apart for .las: write .ply")
     header.offsets = least * points.step_m
     las = laspy.LasData(header)
     las.X, las.Y, las.Z = (points.steps - least).T.astype(np.int32)
