@@ -111,7 +111,7 @@ BELOW = {
     "ranges": "base",
     "pco": "ranges base",
     "sensors": "base",
-    "session": "sensors images pco ranges predictive planes network mask motion bits base",
+    "session": "sensors clouds images pco ranges predictive planes network mask motion bits base",
     "reduction": "motion base",
     "packets": "base",
     "simulator": "base",

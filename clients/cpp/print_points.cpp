@@ -19,13 +19,20 @@ bool read_message(std::vector<uint8_t>& message) {
   return static_cast<bool>(std::cin.read(reinterpret_cast<char*>(message.data()), bytes));
 }
 
-// A point, and what the frame's other planes say of it.
-void print(const lidarcodec_frame& frame, const lidarcodec_point& point) {
+// A point, and what the frame's other planes, or the fields of its message, say of it.
+void print(const Session& session, const lidarcodec_frame& frame, const lidarcodec_point& point) {
   std::cout << point.x << " " << point.y << " " << point.z;
   for (uint32_t i = 0; i < frame.plane_count; ++i) {
     const std::string name = frame.planes[i].name;
     if (frame.planes[i].role == LIDARCODEC_ATTRIBUTE && name.back() != '2')
       std::cout << ", " << name << " " << attribute_of(frame, point, name);
+  }
+  const std::vector<lidarcodec_field> fields = fields_of(session);
+  for (size_t place = 0; place < fields.size(); ++place) {
+    const std::vector<double> values = values_of(session, fields, place);
+    std::cout << ", " << fields[place].name;
+    for (uint32_t i = 0; i < fields[place].count; ++i)
+      std::cout << " " << values[size_t{point.cell} * fields[place].count + i];
   }
 }
 
@@ -45,7 +52,7 @@ int run(const std::string& weights) {
       std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";
       if (!points.empty()) {
         std::cout << ", the first at ";
-        print(frame, points[0]);
+        print(session, frame, points[0]);
       }
       std::cout << std::endl;
     }

@@ -38,6 +38,43 @@ inline std::vector<lidarcodec_point> points_of(const Session& session, lidarcode
   return points;
 }
 
+// Fields of the point cloud that was pushed last; none of another sensor.
+inline std::vector<lidarcodec_field> fields_of(const Session& session) {
+  std::vector<lidarcodec_field> fields(lidarcodec_fields(session.get(), nullptr, 0));
+  lidarcodec_fields(session.get(), fields.data(), fields.size());
+  return fields;
+}
+
+// The values of the field at a place in `fields_of`, as numbers.
+inline std::vector<double> values_of(const Session& session, const std::vector<lidarcodec_field>& fields,
+                                     size_t place) {
+  const lidarcodec_field& field = fields[place];
+  const size_t count = lidarcodec_values(session.get(), place, nullptr, 0);
+  const auto as = [&](auto zero) {
+    std::vector<decltype(zero)> values(count);
+    lidarcodec_values(session.get(), place, values.data(), count);
+    return std::vector<double>(values.begin(), values.end());
+  };
+  switch (field.type) {
+    case LIDARCODEC_INT8:
+      return as(int8_t{});
+    case LIDARCODEC_UINT8:
+      return as(uint8_t{});
+    case LIDARCODEC_INT16:
+      return as(int16_t{});
+    case LIDARCODEC_UINT16:
+      return as(uint16_t{});
+    case LIDARCODEC_INT32:
+      return as(int32_t{});
+    case LIDARCODEC_UINT32:
+      return as(uint32_t{});
+    case LIDARCODEC_FLOAT32:
+      return as(float{});
+    default:
+      return as(double{});
+  }
+}
+
 // The number of an image at a place.
 inline uint32_t value_at(const lidarcodec_plane& plane, size_t cell) {
   if (plane.bytes == 1) return static_cast<const uint8_t*>(plane.values)[cell];

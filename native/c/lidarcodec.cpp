@@ -5,11 +5,13 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <cstring>
 #include <exception>
 #include <map>
 #include <new>
 #include <string>
 
+#include "session/frames/cloud_points.hpp"
 #include "session/points.hpp"
 #include "session/session.hpp"
 
@@ -39,6 +41,10 @@ class System final : public lidarcodec::Outside {
     if (!whole) return std::nullopt;
     plain.resize(found);
     return plain;
+  }
+
+  std::shared_ptr<const lidarcodec::DecodedCloud> cloud(Bytes section) const override {
+    return std::make_shared<const lidarcodec::DecodedCloud>(lidarcodec::decode_cloud(section, *this));
   }
 
   std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const override {
@@ -76,6 +82,7 @@ struct Shown {
   std::vector<lidarcodec_plane> planes;
   std::vector<std::uint16_t> azimuth;
   std::vector<std::uint8_t> fired;
+  std::optional<lidarcodec::CloudPoints> cloud;  // of a point cloud
 };
 
 constexpr lidarcodec_plane plane(const char* name, const void* values, std::size_t bytes, std::uint32_t bits,
@@ -114,6 +121,7 @@ void show(const lidarcodec::Planes& planes, const lidarcodec::Sensor& sensor, Sh
 void show(const lidarcodec::ImageFrame& images, Shown& shown, lidarcodec_frame& frame) {
   const lidarcodec::DescribedSensor& sensor = *images.sensor;
   shown.planes.clear();
+  if (images.cloud) shown.cloud = lidarcodec::CloudPoints::of(images.cloud->payload);
   for (const lidarcodec::NamedPlane& one : images.planes)
     shown.planes.push_back(plane(one.name.c_str(), one.values.data(), 4, one.bits, one.role, one.of));
   shown.azimuth = images.azimuth;
@@ -122,6 +130,7 @@ void show(const lidarcodec::ImageFrame& images, Shown& shown, lidarcodec_frame& 
   frame.rows = static_cast<std::uint32_t>(sensor.rows());
   frame.width = static_cast<std::uint32_t>(images.width);
   frame.points = images.planes.empty() ? 0 : returns_in(images.planes[0].values);
+  if (shown.cloud) frame.points = static_cast<std::uint32_t>(lidarcodec::returns_of_cloud(*shown.cloud));
   frame.range_step_m = sensor.range_step * 1e-7;
   frame.azimuth = shown.azimuth.data();
   frame.fired = shown.fired.data();
@@ -185,6 +194,7 @@ lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uin
 lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                   lidarcodec_frame* frame) {
   session->frame = nullptr;
+  session->shown.cloud.reset();
   return session->guarded([&] {
     const lidarcodec::SessionFrame& found = session->session.push({message, size});
     lidarcodec_frame given{};
@@ -198,7 +208,8 @@ lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* me
     given.stamp_ns = found.stamp_ns;
     given.codec = static_cast<std::uint16_t>(found.codec);
     given.key = found.key;
-    given.has_intensity = found.has_intensity;
+    given.has_intensity =
+        session->shown.cloud ? lidarcodec::intensity_field(*session->shown.cloud) != nullptr : found.has_intensity;
     given.plane_count = static_cast<std::uint32_t>(session->shown.planes.size());
     given.planes = session->shown.planes.data();
     given.pose = found.pose ? found.pose->data() : nullptr;
@@ -219,6 +230,51 @@ size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns r
   } catch (...) {
     return 0;
   }
+}
+
+size_t lidarcodec_fields(const lidarcodec_session* session, lidarcodec_field* fields, size_t capacity) {
+  if (session->frame == nullptr || !session->shown.cloud) return 0;
+  const std::vector<lidarcodec::CloudField>& found = session->shown.cloud->head().fields;
+  for (std::size_t i = 0; i < std::min(capacity, found.size()); ++i)
+    fields[i] = {found[i].name.c_str(), found[i].repeated, static_cast<std::uint8_t>(found[i].type),
+                 static_cast<std::uint8_t>(lidarcodec::bytes_of(found[i].type))};
+  return found.size();
+}
+
+size_t lidarcodec_values(const lidarcodec_session* session, size_t field, void* values, size_t capacity) {
+  if (session->frame == nullptr || !session->shown.cloud) return 0;
+  const lidarcodec::CloudPoints& cloud = *session->shown.cloud;
+  if (field >= cloud.head().fields.size()) return 0;
+  const lidarcodec::CloudField& found = cloud.head().fields[field];
+  const std::size_t there = cloud.size() * found.repeated;
+  auto* const to = static_cast<std::uint8_t*>(values);
+  const auto put = [&]<class Number>(Number) {
+    for (std::size_t i = 0; i < std::min(capacity, there); ++i) {
+      const auto value = static_cast<Number>(cloud.bits(found, i / found.repeated, i % found.repeated));
+      std::memcpy(to + i * sizeof(Number), &value, sizeof(Number));
+    }
+  };
+  switch (lidarcodec::bytes_of(found.type)) {
+    case 1:
+      put(std::uint8_t{});
+      break;
+    case 2:
+      put(std::uint16_t{});
+      break;
+    case 4:
+      put(std::uint32_t{});
+      break;
+    default:
+      put(std::uint64_t{});
+  }
+  return there;
+}
+
+const uint8_t* lidarcodec_message(const lidarcodec_session* session, size_t* size) {
+  const lidarcodec::SessionFrame* const frame = session->frame;
+  const bool there = frame != nullptr && frame->images && frame->images->cloud;
+  *size = there ? frame->images->cloud->payload.size() : 0;
+  return there ? frame->images->cloud->payload.data() : nullptr;
 }
 
 const char* lidarcodec_error_text(const lidarcodec_session* session) { return session->text.c_str(); }

@@ -63,7 +63,7 @@ typedef struct lidarcodec_frame {
   uint32_t rows;         /* 1 to 128 */
   uint32_t width;
   uint32_t points;                /* first returns in the frame */
-  uint32_t plane_count;           /* 0 if no packet of the frame has an image */
+  uint32_t plane_count;           /* 0 if no packet of the frame has an image, and of a point cloud */
   double range_step_m;            /* metres of one step of `range` */
   const lidarcodec_plane* planes; /* the first is `range` */
   const uint16_t* azimuth; /* 2 x width, 0.01 degree, 0 to 35999: of the upper and lower half of each column of an
@@ -80,12 +80,32 @@ typedef struct lidarcodec_frame {
 typedef struct lidarcodec_point {
   float x, y, z;
   uint32_t intensity;
-  uint32_t cell;         /* ring * width + column */
+  uint32_t cell;         /* ring * width + column; of a point cloud the place among the points of its message */
   uint8_t laser, ring;   /* hardware id; row, 0 at the top */
   uint8_t return_number; /* 1, or 2 of a second return */
   uint8_t reserved;
   int64_t t_ns; /* host time of the firing, ns since 1970-01-01 UTC; of an HDL-64E that of the frame */
 } lidarcodec_point;
+
+/* Types of the fields of a point cloud, numbered as in sensor_msgs/PointField. */
+typedef enum lidarcodec_type {
+  LIDARCODEC_INT8 = 1,
+  LIDARCODEC_UINT8 = 2,
+  LIDARCODEC_INT16 = 3,
+  LIDARCODEC_UINT16 = 4,
+  LIDARCODEC_INT32 = 5,
+  LIDARCODEC_UINT32 = 6,
+  LIDARCODEC_FLOAT32 = 7,
+  LIDARCODEC_FLOAT64 = 8
+} lidarcodec_type;
+
+/* A field of the points of a cloud (model "pointcloud2"), as the message of its driver has it: x, y and z too. */
+typedef struct lidarcodec_field {
+  const char* name; /* as sent; holds until the next call */
+  uint32_t count;   /* values of each point */
+  uint8_t type;     /* lidarcodec_type */
+  uint8_t bytes;    /* of a value: 1, 2, 4 or 8 */
+} lidarcodec_field;
 
 typedef enum lidarcodec_returns {
   LIDARCODEC_FIRST = 1,
@@ -106,11 +126,26 @@ LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* ses
 LIDARCODEC_API lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                                  lidarcodec_frame* frame);
 
-/* Points of the frame that was pushed last, column by column, second returns behind all first ones: up to `capacity` of
- * them are written. Returns how many there are. Without memory it returns 0, and where the directions of the beams are
- * not known, as of an Ouster without its metadata. */
+/* Points of the frame that was pushed last, column by column, second returns behind all first ones; of a point cloud in
+ * the order of its message, those without a return left out. Up to `capacity` of them are written. Returns how many
+ * there are. Without memory it returns 0, and where the directions of the beams are not known, as of an Ouster without
+ * its metadata. */
 LIDARCODEC_API size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns returns,
                                         lidarcodec_point* points, size_t capacity);
+
+/* Fields of the point cloud that was pushed last, in the order of its message: up to `capacity` of them are written.
+ * Returns how many there are: none of other sensors, and of a message that is no PointCloud2. */
+LIDARCODEC_API size_t lidarcodec_fields(const lidarcodec_session* session, lidarcodec_field* fields, size_t capacity);
+
+/* Values of the field at a place in `lidarcodec_fields`, `count` for each point of the message, also for those without
+ * a return: up to `capacity` of them are written, `bytes` each, in the machine's byte order. Returns how many there
+ * are. Those of a lidarcodec_point begin at the place `cell * count`. */
+LIDARCODEC_API size_t lidarcodec_values(const lidarcodec_session* session, size_t field, void* values, size_t capacity);
+
+/* The message of the point cloud that was pushed last, byte for byte, or with other x, y and z if the stream has a
+ * bound on their error; docs/wire-format-clouds.md says with which four bytes it begins. It holds until the next call.
+ * NULL, and a size of 0, of other sensors. */
+LIDARCODEC_API const uint8_t* lidarcodec_message(const lidarcodec_session* session, size_t* size);
 
 /* Of the last call that failed: a sentence in English, the byte at which it was seen, and with
  * LIDARCODEC_MISSING_REFERENCE the index of the frame that is needed. The sentence holds until the next call. */

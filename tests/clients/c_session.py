@@ -70,6 +70,19 @@ class _Plane(ctypes.Structure):
     )
 
 
+class _Field(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("count", ctypes.c_uint32),
+        ("type", ctypes.c_uint8),
+        ("bytes", ctypes.c_uint8),
+    )
+
+
+TYPES = (None, "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+"""Of numpy, by the number of a lidarcodec_type."""
+
+
 class Decoded(NamedTuple):
     """A frame as the library gives it; shapes as in `Frame`. pose: (3, 4) or None; points: (N,) POINT, first
     returns or, as `all_points`, second ones too; forms: name, bits, role and `of` of each plane."""
@@ -97,7 +110,9 @@ class CSession:
         self._c.lidarcodec_open.restype = ctypes.c_void_p
         self._c.lidarcodec_error_text.restype = ctypes.c_char_p
         self._c.lidarcodec_error_offset.restype = self._c.lidarcodec_error_needs.restype = ctypes.c_uint64
-        self._c.lidarcodec_points.restype = ctypes.c_size_t
+        self._c.lidarcodec_points.restype = self._c.lidarcodec_fields.restype = ctypes.c_size_t
+        self._c.lidarcodec_values.restype = ctypes.c_size_t
+        self._c.lidarcodec_message.restype = ctypes.c_void_p
         self._session = ctypes.c_void_p(self._c.lidarcodec_open())
 
     def close(self) -> None:
@@ -122,6 +137,31 @@ class CSession:
         given = (points.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(count))
         assert self._c.lidarcodec_points(self._session, returns, *given) == count
         return points
+
+    def message(self) -> bytes | None:
+        """The message of the point cloud that was pushed last; None of another frame."""
+        size = ctypes.c_size_t()
+        at = self._c.lidarcodec_message(self._session, ctypes.byref(size))
+        return None if at is None else ctypes.string_at(at, size.value)
+
+    def values(self, place: int) -> int:
+        """How many values the field at a place has."""
+        return int(self._c.lidarcodec_values(self._session, ctypes.c_size_t(place), None, ctypes.c_size_t(0)))
+
+    def fields(self) -> list[tuple[str, npt.NDArray]]:
+        """Names and values, (points, count) each, of the fields of that point cloud."""
+        given = (_Field * self._c.lidarcodec_fields(self._session, None, ctypes.c_size_t(0)))()
+        assert self._c.lidarcodec_fields(self._session, given, ctypes.c_size_t(len(given))) == len(given)
+        found = []
+        for place, one in enumerate(given):
+            dtype = np.dtype(TYPES[one.type])
+            assert one.bytes == dtype.itemsize
+            count = self._c.lidarcodec_values(self._session, ctypes.c_size_t(place), None, ctypes.c_size_t(0))
+            values = np.zeros(count, dtype)
+            to = (values.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(count))
+            assert self._c.lidarcodec_values(self._session, ctypes.c_size_t(place), *to) == count
+            found.append((one.name.decode("utf-8", "backslashreplace"), values.reshape(-1, max(one.count, 1))))
+        return found
 
     def push(self, data: bytes | None) -> Decoded:
         """The frame of a message; None: a null pointer."""

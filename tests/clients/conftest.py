@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -23,3 +24,15 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = ["cmake", "--install", str(BUILD), "--prefix", str(prefix), "--component", "c"]
     subprocess.run(words, check=True, capture_output=True, timeout=60)
     return prefix
+
+
+@pytest.fixture(scope="module")
+def programs(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the programs of clients/cpp, built against the library as it is installed."""
+    if shutil.which("cmake") is None:
+        pytest.skip("needs cmake")
+    build = tmp_path_factory.mktemp("programs")
+    words = ["cmake", "-S", str(ROOT / "clients" / "cpp"), "-B", str(build), f"-DCMAKE_PREFIX_PATH={installed}"]
+    for step in (words, ["cmake", "--build", str(build)]):
+        subprocess.run(step, check=True, capture_output=True, timeout=300)
+    return build

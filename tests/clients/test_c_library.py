@@ -28,15 +28,12 @@ from lidarcodec.errors import (
     UnsupportedVersionError,
 )
 from lidarcodec.frame import Frame
-from lidarcodec.image_frame import cloud_frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.planes.lattice_section import lattice_bytes, read_lattice
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.settings import settings_from
-from tests import point_clouds
 from tests.clients.c_session import CSession, Decoded
 from tests.conftest import ROOT
 from tests.fuzz.corpus import Plan, plans, stream
@@ -209,26 +206,6 @@ def test_other_codecs_are_refused_by_name(session: CSession) -> None:
     data = next(iter(split((ROOT / "tests/golden/v1_jxl_lossless.bin").read_bytes())))
     with pytest.raises(UnsupportedVersionError, match="jxl"):
         session.push(data)
-
-
-def test_point_clouds_are_refused_by_name(session: CSession) -> None:
-    payload = point_clouds.message(point_clouds.velodyne(20))
-    frame = cloud_frame(0, 10**18, payload, cloud_sensor([payload]))
-    (message,) = StreamEncoder(settings_from({"codec": "zstd"}), 7).encode(frame)
-    with pytest.raises(UnsupportedVersionError, match="point clouds are not decoded here"):
-        session.push(wire.pack(message))
-
-
-@pytest.fixture(scope="module")
-def programs(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the programs of clients/cpp, built against the library as it is installed."""
-    if shutil.which("cmake") is None:
-        pytest.skip("needs cmake")
-    build = tmp_path_factory.mktemp("programs")
-    words = ["cmake", "-S", str(ROOT / "clients" / "cpp"), "-B", str(build), f"-DCMAKE_PREFIX_PATH={installed}"]
-    for step in (words, ["cmake", "--build", str(build)]):
-        subprocess.run(step, check=True, capture_output=True, timeout=300)
-    return build
 
 
 def _record(path: Path, messages: list[bytes], compression: str) -> None:

@@ -2,6 +2,7 @@
 // has its own. An answer is checked as bytes of a message are.
 #pragma once
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -11,6 +12,8 @@
 #include "session/message.hpp"
 
 namespace lidarcodec {
+
+struct DecodedCloud;  // session/frames/cloud_section.hpp
 
 class Outside {
  public:
@@ -25,8 +28,8 @@ class Outside {
   // Whether the program reads the ranges of a codec by itself, from the planes that the session gives; by default of
   // none.
   virtual bool reads_ranges(Codec) const { return false; }
-  // Whether the program reads CLOUD sections by itself; by default it does not, and messages that have one are refused.
-  virtual bool reads_clouds() const { return false; }
+  // The message of a CLOUD section, by `decode_cloud`; nothing where the program reads the section by itself.
+  virtual std::shared_ptr<const DecodedCloud> cloud(Bytes section) const = 0;
   // Whether the program takes frames of a sensor that this core does not know: it then checks their layout and series,
   // and finds the directions of their columns; by default it does not, and such messages are refused.
   virtual bool takes_model(const std::string&) const { return false; }

@@ -1,5 +1,7 @@
 #include "session/frames/cloud.hpp"
 
+#include "session/frames/cloud_points.hpp"
+
 namespace lidarcodec {
 namespace {
 
@@ -13,6 +15,7 @@ std::int64_t sum(std::int64_t a, std::int64_t b) {
 }  // namespace
 
 std::vector<CloudPoint> cloud_of(const ImageFrame& frame, std::int64_t stamp_ns, bool both) {
+  if (frame.cloud) return points_of_cloud(*frame.cloud, frame.sensor->rows(), stamp_ns);
   std::vector<CloudPoint> points;
   const std::unique_ptr<FrameGeometry> geometry = frame.geometry();
   if (geometry == nullptr) return points;

@@ -40,13 +40,13 @@ void widen(const Lattice& lattice, ImageFrame& frame) {
   frame.lattice = lattice.columns;
 }
 
-// Of a point cloud there is nothing but the sensor and the host time of its message.
-void check_cloud(ImageFrame& frame, const Outside& outside) {
-  if (!outside.reads_clouds()) throw Error(ErrorCode::Version, "point clouds are not decoded here");
+// Of a point cloud there are no images: the sensor, the host time of its message, and this.
+void read_cloud(const Message& message, ImageFrame& frame, const Outside& outside) {
   const PacketRest& rest = frame.rest;
   if (rest.packet_ns.size() != 1 || !rest.layout.empty() || !rest.odd.empty())
     damaged("a point cloud of " + std::to_string(rest.packet_ns.size()) + " packets, not of one message");
   frame.width = 0;
+  frame.cloud = outside.cloud(message.section(SectionType::Cloud));
 }
 
 void take_layout(ImageFrame& frame) {
@@ -91,7 +91,7 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
   frame.width = message.width;
   frame.rest = decode_rest(message.section(SectionType::Rest), message.packets, outside);
   if (frame.sensor->model == kPointCloud) {
-    check_cloud(frame, outside);
+    read_cloud(message, frame, outside);
     return frame;
   }
   std::optional<Lattice> lattice;

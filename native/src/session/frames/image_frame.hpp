@@ -1,6 +1,5 @@
 // A frame of another sensor than an HDL-64E: planes, the rest of its packets, and the direction of each column; of a
-// point cloud, whose CLOUD section the program reads, the sensor and the host time alone. In
-// Python lidarcodec/image_frame.py.
+// point cloud its message, no planes. In Python lidarcodec/image_frame.py.
 #pragma once
 #include "session/frames/described_sensor.hpp"
 #include "session/frames/plane_section.hpp"
@@ -14,9 +13,10 @@ struct ImageFrame {
   std::vector<NamedPlane> planes;    // (H, W) each, H the sensor's rows; none if all packets are odd
   std::vector<std::size_t> lattice;  // the columns that were sent, ascending, where the frame was thinned to some
   PacketRest rest;
-  const PacketLayout* layout = nullptr;  // of the sensor's family; nothing if all packets are odd
-  std::vector<std::uint16_t> azimuth;    // (W,) 0.01 degree, 0 to 35999, clockwise; 0 without a layout, and of models
-                                         // that only the program knows
+  std::shared_ptr<const DecodedCloud> cloud;  // of a point cloud, unless the program reads its section by itself
+  const PacketLayout* layout = nullptr;       // of the sensor's family; nothing if all packets are odd
+  std::vector<std::uint16_t> azimuth;  // (W,) 0.01 degree, 0 to 35999, clockwise; 0 without a layout, and of models
+                                       // that only the program knows
 
   // nullptr if there is none.
   const NamedPlane* named(std::string_view name) const;

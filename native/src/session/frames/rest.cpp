@@ -29,34 +29,10 @@ void add_up(std::vector<std::int64_t>& values, std::size_t from, std::size_t lag
   for (std::size_t i = from + lag; i < values.size(); ++i) values[i] = sum(values[i], values[i - lag]);
 }
 
-std::vector<std::int64_t> signed_numbers(Bytes data, const std::vector<std::size_t>& counts) {
-  std::vector<std::int64_t> values;
-  for (const std::uint64_t number : decode_numbers(data.data(), data.size(), counts))
-    values.push_back(static_cast<std::int64_t>(number >> 1) ^ -static_cast<std::int64_t>(number & 1));
-  return values;
-}
-
 std::string name(VarintReader& reader) {
   const Bytes found = reader.take(reader.number(kMostName));
   if (!is_plain_name(found)) damaged("a name that is not of letters, digits and underscores");
   return {found.begin(), found.end()};
-}
-
-std::vector<std::int64_t> line(VarintReader& reader, std::size_t count) {
-  const std::uint8_t form = reader.byte();
-  if (form > static_cast<std::uint8_t>(SeriesForm::Alternating))
-    damaged("a series of unknown form " + std::to_string(form));
-  const std::int64_t level = reader.signed_number(kMostLevel), rate = reader.signed_number(kMostRate);
-  std::vector<std::int64_t> values = signed_numbers(reader.sized(), {count});
-  const auto kind = static_cast<SeriesForm>(form);
-  if (kind == SeriesForm::Second) add_up(values, 1, 1);
-  if (kind == SeriesForm::First || kind == SeriesForm::Second) add_up(values, 0, 1);
-  if (kind == SeriesForm::Alternating) add_up(values, 0, 2);
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto risen = static_cast<std::int64_t>(i * static_cast<std::uint64_t>(rate));
-    values[i] = sum(values[i], sum(level, risen >> 10));
-  }
-  return values;
 }
 
 std::vector<std::uint64_t> series_values(VarintReader& reader, std::size_t bytes, std::size_t count,
@@ -70,7 +46,7 @@ std::vector<std::uint64_t> series_values(VarintReader& reader, std::size_t bytes
   }
   if (kind != kByLine) damaged("a series of unknown kind " + std::to_string(kind));
   const std::int64_t most = bytes == 8 ? kWidest : (std::int64_t{1} << (8 * bytes)) - 1;
-  for (const std::int64_t value : line(reader, count)) {
+  for (const std::int64_t value : read_line(reader, count)) {
     if (value < 0 || value > most) damaged("a series with numbers that do not fit");
     values.push_back(static_cast<std::uint64_t>(value));
   }
@@ -122,6 +98,30 @@ void read_odd(VarintReader& reader, std::size_t packets, const Outside& outside,
 
 }  // namespace
 
+std::vector<std::int64_t> signed_numbers(Bytes data, const std::vector<std::size_t>& counts) {
+  std::vector<std::int64_t> values;
+  for (const std::uint64_t number : decode_numbers(data.data(), data.size(), counts))
+    values.push_back(static_cast<std::int64_t>(number >> 1) ^ -static_cast<std::int64_t>(number & 1));
+  return values;
+}
+
+std::vector<std::int64_t> read_line(VarintReader& reader, std::size_t count) {
+  const std::uint8_t form = reader.byte();
+  if (form > static_cast<std::uint8_t>(SeriesForm::Alternating))
+    damaged("a series of unknown form " + std::to_string(form));
+  const std::int64_t level = reader.signed_number(kMostLevel), rate = reader.signed_number(kMostRate);
+  std::vector<std::int64_t> values = signed_numbers(reader.sized(), {count});
+  const auto kind = static_cast<SeriesForm>(form);
+  if (kind == SeriesForm::Second) add_up(values, 1, 1);
+  if (kind == SeriesForm::First || kind == SeriesForm::Second) add_up(values, 0, 1);
+  if (kind == SeriesForm::Alternating) add_up(values, 0, 2);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto risen = static_cast<std::int64_t>(i * static_cast<std::uint64_t>(rate));
+    values[i] = sum(values[i], sum(level, risen >> 10));
+  }
+  return values;
+}
+
 std::vector<std::size_t> PacketRest::regular() const {
   std::vector<std::size_t> places;
   auto next = odd.begin();
@@ -139,7 +139,7 @@ PacketRest decode_rest(Bytes data, std::size_t packets, const Outside& outside) 
   rest.layout = name(reader);
   const auto host_step = static_cast<std::int64_t>(reader.number(kMostHostStep, 1));
   const std::int64_t most_host = (kWidest - 1) / host_step;
-  for (const std::int64_t steps : line(reader, packets)) {
+  for (const std::int64_t steps : read_line(reader, packets)) {
     if (steps < -most_host || steps > most_host) damaged("host times of a frame's packets more than 36 years apart");
     rest.packet_ns.push_back(steps * host_step);
   }
