@@ -24,6 +24,14 @@ OUSTER = np.dtype(
     }
 )
 """ouster-ros, with its padding."""
+NEBULA = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "intensity", "distance", "azimuth", "elevation")),
+        ("ring", "<u2"),
+        *((name, "<f8") for name in ("level", "stamp", "count")),
+    ]
+)
+"""Much as nebula, with numbers in float64."""
 
 
 def message(
@@ -79,6 +87,26 @@ def velodyne(columns: int = 300, rows: int = 16, seed: int = 1) -> npt.NDArray[n
     points["time"] = (np.arange(columns) * 55_296e-9)[None] + (np.arange(rows) * 2304e-9)[:, None]
     firing = np.concatenate((np.arange(0, rows, 2), np.arange(1, rows, 2)))
     found: npt.NDArray[np.void] = points[firing].T[n[firing].T > 0]
+    return found
+
+
+def nebula(columns: int = 300, rows: int = 16) -> npt.NDArray[np.void]:
+    """The same points with what they were computed from, and numbers of each column and row, in float64 too."""
+    turn = velodyne(columns, rows)
+    n = scene(rows, columns)
+    step = 36000 // columns
+    firing = np.concatenate((np.arange(0, rows, 2), np.arange(1, rows, 2)))
+    there = n[firing].T > 0
+    angle = np.radians(((np.arange(columns)[:, None] * step + firing[None]) % 36000) * 0.01).astype(SINGLE)
+    found = np.zeros(len(turn), NEBULA)
+    for name in ("x", "y", "z", "intensity", "ring"):
+        found[name] = turn[name]
+    found["distance"] = (n[firing].T.astype(SINGLE) * SINGLE(0.002))[there]
+    found["azimuth"] = angle[there]
+    found["elevation"] = np.radians(np.linspace(-15, 15, rows)).astype(SINGLE)[turn["ring"]]
+    found["level"] = 1e-3 * turn["ring"] + 1.0
+    found["stamp"] = 1.7e9 + np.broadcast_to(np.arange(columns)[:, None] * 55_296e-9, there.shape)[there]
+    found["count"] = (np.float64(1.0).view(np.int64) + np.arange(len(turn)) * 3).view(np.float64)
     return found
 
 

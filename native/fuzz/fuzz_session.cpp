@@ -60,6 +60,27 @@ void decode_by_class(const std::vector<Bytes8>& messages) {
   }
 }
 
+// The message of a point cloud and all values of its fields, of the first one written into room for too few.
+std::uint64_t read_cloud(const lidarcodec_session* session) {
+  std::size_t size = 1;
+  const std::uint8_t* const message = lidarcodec_message(session, &size);
+  std::uint64_t sum = 0;
+  if (message == nullptr && size != 0) broken();
+  for (std::size_t i = 0; i < size; ++i) sum += message[i];
+  std::vector<lidarcodec_field> fields(lidarcodec_fields(session, nullptr, 0));
+  if (message == nullptr && !fields.empty()) broken();
+  lidarcodec_fields(session, fields.data(), fields.size());
+  for (std::size_t place = 0; place < fields.size(); ++place) {
+    sum += std::char_traits<char>::length(fields[place].name);
+    const std::size_t count = lidarcodec_values(session, place, nullptr, 0), room = count - (count > 0 && place == 0);
+    std::vector<std::uint8_t> values(room * fields[place].bytes);
+    if (lidarcodec_values(session, place, values.data(), room) != count) broken();
+    for (const std::uint8_t value : values) sum += value;
+  }
+  if (lidarcodec_values(session, fields.size(), nullptr, 0) != 0) broken();
+  return sum;
+}
+
 // Everything that a frame points to is read; its points are written into room for too few.
 void check_frame(const lidarcodec_session* session, const lidarcodec_frame& frame) {
   std::uint64_t sum = std::char_traits<char>::length(frame.sensor) + std::char_traits<char>::length(frame.model);
@@ -74,6 +95,7 @@ void check_frame(const lidarcodec_session* session, const lidarcodec_frame& fram
   for (std::size_t row = 0; row < frame.rows; ++row)
     if (frame.laser[row] >= frame.rows) broken();
   for (std::size_t i = 0; frame.pose != nullptr && i < 12; ++i) sum += std::isfinite(frame.pose[i]);
+  sum += read_cloud(session);
   [[maybe_unused]] volatile std::uint64_t kept = sum;
   std::vector<lidarcodec_point> points(frame.points / 2);
   const std::size_t there = lidarcodec_points(session, LIDARCODEC_FIRST, points.data(), points.size());

@@ -28,7 +28,7 @@ from tests.point_clouds import message as made
 from tests.point_clouds import ouster, velodyne
 
 CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
-ORDERED = ("velodyne", "ouster", "nan", "other order", "without rings")
+ORDERED = ("velodyne", "ouster", "nebula", "nan", "other order", "without rings")
 """With images of all kinds: these are sent by all codecs, the others by two."""
 SMALL = {
     "velodyne": made(velodyne(30)),
@@ -80,7 +80,7 @@ def alike(frame: Frame, found: Decoded, session: CSession) -> None:
         np.testing.assert_array_equal(x[found.points["cell"], 0].astype(np.float32), cloud["x"])
 
 
-@pytest.mark.parametrize(("codec", "name"), STREAMS, ids="-".join)
+@pytest.mark.parametrize(("codec", "name"), STREAMS, ids=[" ".join(one) for one in STREAMS])
 def test_a_cloud_is_that_of_the_package_bit_for_bit(codec: str, name: str, session: CSession) -> None:
     frame, data = sent(codec, CLOUDS[name])
     assert payload_of(frame) == CLOUDS[name]

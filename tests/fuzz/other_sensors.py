@@ -24,7 +24,7 @@ from lidarcodec.sensors.models.ouster.sensor import sensor_from
 from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.side import Position
 from tests.contracts import frames
-from tests.point_clouds import message, ouster, plain, ros1, velodyne
+from tests.point_clouds import message, nebula, ouster, plain, ros1, velodyne
 from tests.sensors import made_frames as made
 
 HOST_NS = made.HOST_NS
@@ -139,6 +139,7 @@ def cloud_messages(seed: int) -> list[bytes]:
         message(still),
         message(double),
         message(plain(40, seed=seed), 8),
+        message(nebula(12, 8)),
     ]
     return found + [ros1(data) for data in (found[0], found[1], found[7])]
 

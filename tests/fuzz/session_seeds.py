@@ -6,19 +6,20 @@ networks are small ones that the stream brings, so that a fuzzer can change both
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lidarcodec.codecs import table
-from lidarcodec.entropy.zstd_frames import decompress
+from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.network.learner import Offer
@@ -28,6 +29,7 @@ from lidarcodec.network.update import Update, update_of
 from lidarcodec.network.weight_file import pack_weights, unpack_weights
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.planes.calibrations import encode_calibration
+from lidarcodec.planes.clouds import columns, positions, section
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
 from tests.fuzz import configurations, extremes, other_sensors
@@ -136,6 +138,30 @@ def _others(seed: int) -> Iterator[list[Message]]:
             yield [_described(message) for messages in coded for message in messages]
 
 
+@contextlib.contextmanager
+def _cloud_bytes_as_they_are() -> Iterator[None]:
+    """Clouds are written with zstd frames whose blocks are not compressed."""
+    modules = (section, columns, positions)
+    for module in modules:
+        module.compress = lambda data, _=3: _raw_zstd(bytes(data))  # type: ignore[attr-defined, assignment]
+    try:
+        yield
+    finally:
+        for module in modules:
+            module.compress = compress  # type: ignore[attr-defined]
+
+
+def _clouds(seed: int) -> Iterator[list[Message]]:
+    """Every point cloud with each codec, and one that follows it."""
+    made = other_sensors.SIZES["clouds"](seed)
+    with _cloud_bytes_as_they_are():
+        for number, settings in enumerate(configurations.CLOUDS.values()):
+            for frame in made[number % 2 :: 2]:
+                encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
+                coded = [encoder.encode(frame), encoder.encode(frame.with_(index=frame.index + 1))]
+                yield [_described(message) for messages in coded for message in messages]
+
+
 def _streams(seed: int) -> Iterator[list[Message]]:
     tiny, small = extremes.SIZES["tiny"](seed), extremes.small(seed)
     of = [settings for name in _NAMED for settings in getattr(configurations, name).values()]
@@ -163,8 +189,8 @@ def sessions(seed: int) -> Iterator[bytes]:
 
 
 def others(seed: int) -> Iterator[bytes]:
-    """The same of other sensors than the HDL-64E."""
-    return _inputs(_others(seed))
+    """The same of other sensors than the HDL-64E, and of point clouds."""
+    return _inputs(chain(_others(seed), _clouds(seed)))
 
 
 def _inputs(streams: Iterable[list[Message]]) -> Iterator[bytes]:

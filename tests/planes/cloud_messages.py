@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.point_clouds import message, ouster, plain, ros1, velodyne
+from tests.point_clouds import message, nebula, ouster, plain, ros1, velodyne
 
 VELODYNE = message(velodyne())
 OUSTER = message(ouster(), 16)
@@ -67,6 +67,7 @@ def absolute_times() -> bytes:
 CLOUDS = {
     "velodyne": VELODYNE,
     "ouster": OUSTER,
+    "nebula": message(nebula()),
     "ouster with nan": message(ouster(nan=True), 16),
     "ouster without ring order": message(ouster().reshape(16, -1)[::-1].ravel(), 16),
     "ros1": ros1(VELODYNE),
