@@ -40,8 +40,10 @@ class Page final : public lidarcodec::Outside {
     plain.resize(static_cast<std::size_t>(found));
     return plain;
   }
-  // The page reads it (clients/typescript/src/clouds).
-  std::shared_ptr<const lidarcodec::DecodedCloud> cloud(Bytes) const override { return nullptr; }
+  // Whoever wants the points of a cloud reads its section (clients/typescript/src/clouds).
+  std::shared_ptr<const lidarcodec::DecodedCloud> cloud(Bytes) const override {
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Version, "point clouds are not decoded here");
+  }
   // The page's own inflate answers later, so it opens a picture before its message is pushed.
   bool opens_pictures(Codec codec) const override { return codec == Codec::Png; }
   std::optional<std::vector<std::uint16_t>> picture(Codec, Bytes, std::size_t, std::size_t) const override {

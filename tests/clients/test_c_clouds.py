@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import struct
 import subprocess
@@ -26,7 +27,10 @@ from tests.clients.c_session import CSession, Decoded
 from tests.planes.cloud_messages import CLOUDS, other_order, several
 from tests.point_clouds import message as made
 from tests.point_clouds import ouster, velodyne
+from tests.vectors import cloud_vectors
+from tests.vectors.make import split
 
+VECTORS = sorted(cloud_vectors.FOLDER.glob("*.bin"))
 CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
 ORDERED = ("velodyne", "ouster", "nebula", "nan", "other order", "without rings")
 """With images of all kinds: these are sent by all codecs, the others by two."""
@@ -93,6 +97,15 @@ def test_points_with_a_bound_are_those_of_the_package(codec: str, name: str, ses
     frame, data = sent(codec, CLOUDS[name], max_error_m=0.01)
     assert payload_of(frame) != CLOUDS[name]
     alike(frame, session.push(data), session)
+
+
+@pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.stem)
+def test_the_vectors_that_all_decoders_share(path: Path, session: CSession) -> None:
+    decoder = StreamDecoder()
+    for data, wanted in zip(split(path.read_bytes()), json.loads(path.with_suffix(".json").read_text()), strict=True):
+        (frame,) = decoder.decode(wire.unpack(data))
+        assert {"stream": str(cloud_vectors.STREAM), **wanted} == cloud_vectors.expected_of_cloud(frame)
+        alike(frame, session.push(data), session)
 
 
 def test_damaged_clouds_end_as_in_the_package(session: CSession) -> None:

@@ -2,7 +2,8 @@
 
 A vector is a file of messages, one after the other, and a `.json` of the same name with what every message must
 become: an object for each frame, with digests (the first 16 hex digits of SHA-256) of its little-endian arrays.
-`golden_*.json` says it of the golden messages of tests/golden, for the codecs that a page decodes.
+`golden_*.json` says it of the golden messages of tests/golden, for the codecs that a page decodes. Vectors of point
+clouds are in `point_clouds`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
+from tests.vectors import cloud_vectors
 from tests.vectors.digest import digest
 from tests.vectors.other_sensors import STREAMS, expected_of_other, messages_of
 
@@ -126,6 +128,8 @@ def split(data: bytes) -> Iterator[bytes]:
 
 def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
     """What a decoder must find in a message; numbers of 64 bits as text. Points: the first, middle and last, metres."""
+    if frame.sensor.is_cloud:
+        return cloud_vectors.expected_of_cloud(frame)
     if message.planes:
         return expected_of_other(frame, message)
     cloud = frame.cloud()
@@ -183,8 +187,10 @@ def _write(path: Path, what: Any) -> None:
 
 def main() -> None:
     """Write those that are missing."""
-    for name, messages in streams().items():
-        path = FOLDER / f"{name}.bin"
+    paths = {FOLDER / f"{name}.bin": messages for name, messages in streams().items()}
+    for name, settings in cloud_vectors.STREAMS.items():
+        paths[cloud_vectors.FOLDER / f"{name}.bin"] = cloud_vectors.messages_of(settings)
+    for path, messages in paths.items():
         if not path.exists():
             path.write_bytes(b"".join(wire.pack(one) for one in messages))
         _write(path.with_suffix(".json"), expected(path.read_bytes()))

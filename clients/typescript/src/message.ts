@@ -26,6 +26,7 @@ export const Section = {
   POSITION: 13,
   PLANES: 14,
   REST: 15,
+  CLOUD: 16,
   MOUNT: 17,
 } as const;
 const KNOWN_SECTIONS: ReadonlySet<number> = new Set(Object.values(Section));

@@ -56,6 +56,26 @@ export interface ExpectedOther {
   shown: { range: string; intensity: string; range_step_m: number; rings: number[][] | null };
 }
 
+/** Of a point cloud: tests/vectors/cloud_vectors.py says what each is. */
+export interface ExpectedCloud {
+  stream: string;
+  index: string;
+  stamp_ns: string;
+  sensor: [string, string, string, number];
+  rows: number;
+  /** Digest and size of the message. */
+  message: string;
+  bytes: number;
+  /** Name, type as numpy has it, and number of values of each field. */
+  fields: [string, string, number][];
+  /** Points with a return. */
+  returns: number;
+  /** x, y and z of the first, middle and last point. */
+  points: [number, number, number][];
+  /** What the server gives to viewers; sums of ranges and intensities. */
+  shown: { rows: number; columns: number; drawn: number; range: number; intensity: number; step_m: number };
+}
+
 export interface Vector<E = Expected> {
   name: string;
   messages: Uint8Array[];
@@ -80,8 +100,13 @@ export function vectors(fits: RegExp): Vector[] {
   return read<Expected>((name) => !name.startsWith("other_") && fits.test(name));
 }
 
-function read<E>(wanted: (name: string) => boolean): Vector<E>[] {
-  const folder = join(ROOT, "tests", "vectors");
+/** Those of point clouds whose name fits. */
+export function cloudVectors(fits: RegExp): Vector<ExpectedCloud>[] {
+  return read<ExpectedCloud>((name) => fits.test(name), "point_clouds");
+}
+
+function read<E>(wanted: (name: string) => boolean, under = ""): Vector<E>[] {
+  const folder = join(ROOT, "tests", "vectors", under);
   const names = readdirSync(folder).filter((name) => name.endsWith(".json"));
   return names
     .map((name) => name.slice(0, -5))

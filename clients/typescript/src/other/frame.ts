@@ -1,5 +1,7 @@
 /** Messages of other sensors than an HDL-64E to frames: planes, and the numbers of their packets. */
 
+import { cloudReturns } from "../clouds/points.js";
+import { type Cloud, readCloud } from "../clouds/section.js";
 import { damaged } from "../errors.js";
 import type { Frame } from "../decoder.js";
 import { latticeOf, widened } from "../lattice.js";
@@ -25,6 +27,8 @@ export interface ImageFrame {
   /** First returns. */
   readonly returns: number;
   readonly rest: Rest;
+  /** Of a point cloud (model `pointcloud2`), which has no planes and no columns: its message. */
+  readonly cloud: Cloud | null;
   /** The columns that were sent where the frame was thinned to some, ascending; else null. */
   readonly lattice: Uint16Array | null;
   /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
@@ -43,6 +47,7 @@ export function readImageFrame(message: Message, sensors: SensorBook<DescribedSe
   if (message.needs !== null) throw damaged("a message of planes that refers to another");
   const sensor = sensors.of(message);
   const rest = readRest(needed(message, Section.REST, "the rest of packets"), message.packets);
+  if (sensor.model === POINT_CLOUD) return cloudFrame(message, sensor, rest);
   const lattice = latticeOf(message);
   if (lattice && lattice.width !== width) throw damaged(`a lattice in ${lattice.width} columns of a frame of ${width}`);
   const section = message.section(Section.PLANES);
@@ -56,6 +61,18 @@ export function readImageFrame(message: Message, sensors: SensorBook<DescribedSe
   }
   const returns = planes.length ? planes[0]!.values.reduce((sum, range) => sum + (range > 0 ? 1 : 0), 0) : 0;
   const columns = lattice && lattice.columns;
-  const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width, planes, returns, rest };
+  const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width, planes, returns, rest, cloud: null };
   return { ...frame, lattice: columns, pose: readPose(message) };
+}
+
+const POINT_CLOUD = "pointcloud2";
+
+function cloudFrame(message: Message, sensor: DescribedSensor, rest: Rest): Omit<ImageFrame, "mount"> {
+  const { streamId, index, stampNs, codec } = message;
+  if (rest.packetNs.length !== 1 || rest.layout !== "" || rest.odd.length > 0)
+    throw damaged(`a point cloud of ${rest.packetNs.length} packets, not of one message`);
+  const cloud = readCloud(needed(message, Section.CLOUD, "a point cloud"), readPlaneSection);
+  const returns = cloudReturns(cloud.payload);
+  const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width: 0, planes: [], returns, rest, cloud };
+  return { ...frame, lattice: null, pose: readPose(message) };
 }

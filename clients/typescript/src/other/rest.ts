@@ -48,7 +48,7 @@ export function readRest(data: Uint8Array, packets: number): Rest {
 }
 
 /** Several series of signed numbers in one stream, each by models of its own. */
-function signedNumbers(data: Uint8Array, counts: number[]): BigInt64Array[] {
+export function signedNumbers(data: Uint8Array, counts: number[]): BigInt64Array[] {
   const coder = new RangeDecoder(data);
   const found = counts.map((count) => {
     const model = new NumberModel();
@@ -66,7 +66,8 @@ function addUp(values: BigInt64Array, from: number, lag: number): void {
   for (let i = from + lag; i < values.length; i++) values[i] = values[i]! + values[i - lag]!;
 }
 
-function readLine(reader: Reader, count: number): BigInt64Array {
+/** A line of so many numbers, modulo 2^64. */
+export function readLine(reader: Reader, count: number): BigInt64Array {
   const form = reader.byte();
   if (form > 3) throw damaged(`a series of form ${form}`);
   const level = reader.signed(1n << 62n);
