@@ -40,7 +40,7 @@ class Page final : public lidarcodec::Outside {
     plain.resize(static_cast<std::size_t>(found));
     return plain;
   }
-  // Whoever wants the points of a cloud reads its section (clients/typescript/src/clouds).
+  // The page reads its section, by `lidarcodec_read_planes` (clients/typescript/src/clouds).
   std::shared_ptr<const lidarcodec::DecodedCloud> cloud(Bytes) const override {
     throw lidarcodec::Error(lidarcodec::ErrorCode::Version, "point clouds are not decoded here");
   }
@@ -73,6 +73,7 @@ struct Stream {
   lidarcodec::Session session{std::unique_ptr<const lidarcodec::Outside>(page)};
   const lidarcodec::SessionFrame* frame = nullptr;
   Shown shown;
+  lidarcodec::PlaneSection planes;
   std::string missing;
 
   const lidarcodec::ImageFrame* images() const { return frame->images ? &*frame->images : nullptr; }
@@ -124,6 +125,23 @@ EXPORT(lidarcodec_push) void lidarcodec_push(Stream* stream) {
     stream->shown.azimuth = images->azimuth;
     stream->shown.azimuth.insert(stream->shown.azimuth.end(), images->azimuth.begin(), images->azimuth.end());
   }
+}
+
+// The input is a PLANES section of so many columns, as a CLOUD section has one: its rows, how many planes it has, and
+// the name, which ends with a zero, and the numbers, (H, W) u32, of each.
+EXPORT(lidarcodec_read_planes) void lidarcodec_read_planes(Stream* stream, std::uint32_t columns) {
+  stream->planes = lidarcodec::decode_plane_section(stream->input, columns, *stream->page, nullptr);
+}
+EXPORT(lidarcodec_plane_rows) std::uint32_t lidarcodec_plane_rows(const Stream* stream) { return stream->planes.rows; }
+EXPORT(lidarcodec_plane_count) std::uint32_t lidarcodec_plane_count(const Stream* stream) {
+  return stream->planes.planes.size();
+}
+EXPORT(lidarcodec_plane_name) const char* lidarcodec_plane_name(const Stream* stream, std::uint32_t number) {
+  return stream->planes.planes[number].name.c_str();
+}
+EXPORT(lidarcodec_plane_values)
+const std::uint32_t* lidarcodec_plane_values(const Stream* stream, std::uint32_t number) {
+  return stream->planes.planes[number].values.data();
 }
 
 // The frame that was pushed: H rows, W columns; azimuth (2, W) u16, range (H, W) u16, intensity (H, W) u8, or 0 where

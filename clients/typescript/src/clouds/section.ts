@@ -2,7 +2,6 @@
 
 import { damaged } from "../errors.js";
 import { LARGEST_WIDTH } from "../message.js";
-import type { PlaneSection } from "../other/planes.js";
 import { Reader } from "../other/reader.js";
 import { zstdFrame } from "../zstd.js";
 import { type Bits, type Cells, columnsOf, type Image, readColumn, readPointBytes } from "./columns.js";
@@ -14,14 +13,21 @@ const MOST_BOUND = 100_000_000;
 const MOST_ROWS = 128;
 const MOST_CELLS = 1 << 20;
 
-/** The message of a section, and the cells of its points, if they were sent as a range image. */
+/** The message of a section, and the cells of its points, if they were sent as a range image. Rows count in the order of the
+ * message, which may be from the lowest up. */
 export interface Cloud {
   readonly payload: Uint8Array;
   readonly cells: Cells | null;
 }
 
+/** The planes of a PLANES section, (rows, columns) each; the first is `range`. */
+export interface CloudPlanes {
+  readonly rows: number;
+  readonly planes: readonly { readonly name: string; readonly values: Uint32Array }[];
+}
+
 /** Reads a PLANES section, `columns` wide. */
-export type ReadPlanes = (data: Uint8Array, columns: number) => PlaneSection;
+export type ReadPlanes = (data: Uint8Array, columns: number) => CloudPlanes;
 
 export function readCloud(data: Uint8Array, readPlanes: ReadPlanes): Cloud {
   const reader = new Reader(data);

@@ -1,7 +1,7 @@
 /** Messages of other sensors than an HDL-64E to frames: planes, and the numbers of their packets. */
 
 import { cloudReturns } from "../clouds/points.js";
-import { type Cloud, readCloud } from "../clouds/section.js";
+import { type Cloud, readCloud, type ReadPlanes } from "../clouds/section.js";
 import { damaged } from "../errors.js";
 import type { Frame } from "../decoder.js";
 import { latticeOf, widened } from "../lattice.js";
@@ -47,7 +47,7 @@ export function readImageFrame(message: Message, sensors: SensorBook<DescribedSe
   if (message.needs !== null) throw damaged("a message of planes that refers to another");
   const sensor = sensors.of(message);
   const rest = readRest(needed(message, Section.REST, "the rest of packets"), message.packets);
-  if (sensor.model === POINT_CLOUD) return cloudFrame(message, sensor, rest);
+  if (sensor.model === POINT_CLOUD) return cloudFrame(message, sensor, rest, readPlaneSection);
   const lattice = latticeOf(message);
   if (lattice && lattice.width !== width) throw damaged(`a lattice in ${lattice.width} columns of a frame of ${width}`);
   const section = message.section(Section.PLANES);
@@ -67,11 +67,20 @@ export function readImageFrame(message: Message, sensors: SensorBook<DescribedSe
 
 const POINT_CLOUD = "pointcloud2";
 
-function cloudFrame(message: Message, sensor: DescribedSensor, rest: Rest): Omit<ImageFrame, "mount"> {
+/** The frame of a message with a CLOUD section, whose planes `readPlanes` reads. */
+export function readCloudFrame(message: Message, sensors: SensorBook<DescribedSensor>, readPlanes: ReadPlanes): CloudFrame {
+  const sensor = sensors.of(message);
+  if (sensor.model !== POINT_CLOUD) throw damaged(`a point cloud of a sensor ${sensor.model}`);
+  return cloudFrame(message, sensor, readRest(needed(message, Section.REST, "the rest of packets"), message.packets), readPlanes);
+}
+
+type CloudFrame = Omit<ImageFrame, "mount"> & { readonly cloud: Cloud };
+
+function cloudFrame(message: Message, sensor: DescribedSensor, rest: Rest, readPlanes: ReadPlanes): CloudFrame {
   const { streamId, index, stampNs, codec } = message;
   if (rest.packetNs.length !== 1 || rest.layout !== "" || rest.odd.length > 0)
     throw damaged(`a point cloud of ${rest.packetNs.length} packets, not of one message`);
-  const cloud = readCloud(needed(message, Section.CLOUD, "a point cloud"), readPlaneSection);
+  const cloud = readCloud(needed(message, Section.CLOUD, "a point cloud"), readPlanes);
   const returns = cloudReturns(cloud.payload);
   const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width: 0, planes: [], returns, rest, cloud };
   return { ...frame, lattice: null, pose: readPose(message) };

@@ -10,6 +10,8 @@ export interface DecodedFrame {
   /** What the cloud socket would send with form=range: header, range, azimuth, intensity (docs/live-sockets.md). */
   readonly data: ArrayBuffer;
   readonly sensor: SensorFacts;
+  /** Another number where `sensor` says something else. */
+  readonly told: number;
 }
 
 /** Why a message became no frame. `version`: its codec, or something in it, is not decoded here; `reference`: it builds on
@@ -48,6 +50,7 @@ interface Answer {
   readonly id: number;
   readonly data?: ArrayBuffer;
   readonly sensor?: SensorFacts;
+  readonly told?: number;
   readonly code?: string;
   readonly error?: string;
 }
@@ -91,12 +94,12 @@ class Thread implements Decoder {
     return worker;
   }
 
-  #answered({ id, data, sensor, code, error }: Answer): void {
+  #answered({ id, data, sensor, told, code, error }: Answer): void {
     const waiting = this.#waiting.get(id);
     this.#waiting.delete(id);
     clearTimeout(this.#timer);
     if (this.#waiting.size > 0) this.#watch();
-    if (data && sensor) waiting?.resolve({ data, sensor });
+    if (data && sensor && told !== undefined) waiting?.resolve({ data, sensor, told });
     else waiting?.reject(new DecodeFailure(code ?? "failed", error ?? "the decoder gave no frame"));
   }
 

@@ -54,7 +54,7 @@ export class DecodingSource implements FrameSource {
   #here(): CloudSocket {
     const { token, fill } = this.options;
     const decoder = createDecoder({ token, fill });
-    let told = "";
+    let known = -1;
     let table: SensorTable | null = null;
     const reception: Reception = {
       name: "frames",
@@ -63,9 +63,9 @@ export class DecodingSource implements FrameSource {
       take: (data, _, give, fail) => {
         decoder
           .push(data)
-          .then(({ data: image, sensor }) => {
-            if (table === null || sensor.hash !== told) table = sensorTable(sensor);
-            told = sensor.hash;
+          .then(({ data: image, sensor, told }) => {
+            if (table === null || told !== known) table = sensorTable(sensor);
+            known = told;
             give(parseFrame(image), table);
           })
           .catch((error: unknown) => {

@@ -7,6 +7,7 @@ const HEADER_BYTES = 96;
 const POSE_BYTES = 96;
 const INTENSITY = 1;
 const POSE = 32;
+const THINNED = 8;
 const FILLED = 64;
 const MADE_UP = 128;
 
@@ -23,6 +24,8 @@ export interface Image {
   /** rows x W, 1 for a return that was made up; null where nothing was to be. */
   readonly filled: Uint8Array | null;
   readonly rangeStep: number;
+  /** Returns that were measured, where not all of them are in the image. */
+  readonly measured?: number;
   /** 96 bytes, f64, as in the message. */
   readonly pose: Uint8Array | null;
 }
@@ -65,7 +68,8 @@ export function packImage(image: Image, nowMs: number): ArrayBuffer {
     if (!filled?.[i]) measured++;
   }
   view.setUint32(44, returns, true);
-  view.setUint32(48, measured, true);
+  view.setUint32(48, image.measured ?? measured, true);
+  if ((image.measured ?? measured) > measured) view.setUint16(42, view.getUint16(42, true) | THINNED, true);
   return data;
 }
 

@@ -1,5 +1,6 @@
 /** The core of the package as a WebAssembly module (native/wasm): what it exports, and the arrays of its memory. */
 
+import type { CloudPlanes } from "../../../../typescript/src/clouds/section.js";
 import { DecodeError, type ErrorCode } from "../../../../typescript/src/errors.js";
 import { inflated } from "../../../../typescript/src/inflate.js";
 import { ROWS, type Sensor } from "../../../../typescript/src/sensor.js";
@@ -16,6 +17,11 @@ interface Exports {
   lidarcodec_give_weights(stream: number): void;
   lidarcodec_give_picture(stream: number): void;
   lidarcodec_push(stream: number): void;
+  lidarcodec_read_planes(stream: number, columns: number): void;
+  lidarcodec_plane_rows(stream: number): number;
+  lidarcodec_plane_count(stream: number): number;
+  lidarcodec_plane_name(stream: number, number: number): number;
+  lidarcodec_plane_values(stream: number, number: number): number;
   lidarcodec_rows(stream: number): number;
   lidarcodec_width(stream: number): number;
   lidarcodec_azimuth(stream: number): number;
@@ -143,6 +149,20 @@ export class NativeStream {
   push(message: Uint8Array): void {
     this.#give(message);
     this.#exports.lidarcodec_push(this.#stream);
+  }
+
+  /** The planes of a PLANES section, copies. */
+  planes(section: Uint8Array, columns: number): CloudPlanes {
+    this.#give(section);
+    const { memory, ...of } = this.#exports;
+    of.lidarcodec_read_planes(this.#stream, columns);
+    const rows = of.lidarcodec_plane_rows(this.#stream);
+    const planes = Array.from({ length: of.lidarcodec_plane_count(this.#stream) }, (_, number) => {
+      const at = of.lidarcodec_plane_values(this.#stream, number);
+      const name = this.#text(of.lidarcodec_plane_name(this.#stream, number));
+      return { name, values: new Uint32Array(memory.buffer, at, rows * columns).slice() };
+    });
+    return { rows, planes };
   }
 
   /** The frame that was pushed. */

@@ -9,8 +9,10 @@ import { sha256 } from "../../../../typescript/src/sha256.js";
 import { zstdReady } from "../../../../typescript/src/zstd.js";
 import { numbers } from "../../../../typescript/test/numbers.js";
 import {
+  cloudVectors,
   digest,
   type Expected,
+  type ExpectedCloud,
   type ExpectedOther,
   otherVectors,
   type Vector,
@@ -98,6 +100,27 @@ function checkRings({ sensor }: Decoded, { rows, shown }: ExpectedOther): void {
   }
 }
 
+/** Messages of the vectors of point clouds that have rows and columns of their own. */
+const ORGANISED = new Set([1, 3]);
+
+/** As the server shows the same cloud. loose: by rows that are made for the image, where the server looks for those of the
+ * sensor: nearly all points are drawn. */
+function checkCloud({ data, sensor }: Decoded, { shown, ...expected }: ExpectedCloud, loose: boolean): void {
+  expect([sensor.name, sensor.hash, sensor.model]).toEqual([expected.sensor[0], expected.sensor[1], "pointcloud2"]);
+  const frame = parseFrame(data);
+  expect(frame.returns).toBe(expected.returns);
+  expect(sensorTable(sensor).rings).toBe(frame.rings);
+  const drawn = frame.range.reduce((count, range) => count + (range > 0 ? 1 : 0), 0);
+  if (loose) {
+    expect(drawn).toBeGreaterThanOrEqual(0.9 * shown.drawn);
+    return;
+  }
+  const sum = (values: ArrayLike<number>) => Array.from(values).reduce((all, value) => all + value, 0);
+  expect([frame.rings, frame.columns, drawn]).toEqual([shown.rows, shown.columns, shown.drawn]);
+  expect(frame.rangeStepM).toBeCloseTo(shown.step_m, 9);
+  expect([sum(frame.range), sum(frame.intensity ?? [])]).toEqual([shown.range, shown.intensity]);
+}
+
 /** With returns made up between the columns of a thinned frame, as the server makes them up; others as they are. */
 function checkFilled(decoded: Decoded, expected: Expected): void {
   const frame = parseFrame(decoded.data);
@@ -121,6 +144,17 @@ describe("messages of every codec that is decoded here", () => {
       const decoded = await one.decode(message);
       checkOther(decoded, expected[i] as ExpectedOther);
       if (i === 0) checkRings(decoded, expected[i] as ExpectedOther);
+    }
+  });
+
+  it.each(cloudVectors(/./))("$name of point clouds", async ({ name, messages, expected }) => {
+    const one = decoder();
+    for (const [i, message] of messages.entries()) {
+      const wanted = expected[i] as ExpectedCloud;
+      const decoded = await one.decode(message);
+      const again = await one.decode(message);
+      expect(again.told).toBe(decoded.told); // a viewer is not told again of the same rows
+      checkCloud(decoded, wanted, name === "raw" && !ORGANISED.has(i));
     }
   });
 
@@ -259,6 +293,30 @@ describe("what is lost or hostile", () => {
       expect(refused).toBeGreaterThan(5);
     },
   );
+
+  it.each(["zstd", "predictive"])("mutated point clouds of %s, too", async (name) => {
+    const [{ messages, expected }] = cloudVectors(new RegExp(`^${name}$`)) as [Vector<ExpectedCloud>];
+    const random = numbers(20261127);
+    const one = decoder();
+    let refused = 0;
+    for (let i = 0; i < 120; i++) {
+      const hostile = changed(messages[random(messages.length)] as Uint8Array, (bytes) => {
+        for (let times = 1 + random(3); times > 0; times--)
+          bytes[56 + random(bytes.length - 60)] = random(2) ? random(256) : 0xff;
+      });
+      refused += (await failure(one, hostile)) === "" ? 0 : 1;
+      if (i % 15 === 0) checkCloud(await one.decode(messages[0] as Uint8Array), expected[0] as ExpectedCloud, false);
+    }
+    expect(refused).toBeGreaterThan(20);
+  });
+
+  it("a viewer is told again where the rows of a cloud are others", async () => {
+    const [{ messages }] = cloudVectors(/^zstd$/) as [Vector<ExpectedCloud>];
+    const one = decoder();
+    const told: number[] = [];
+    for (const message of messages.slice(0, 3)) told.push((await one.decode(message)).told);
+    expect(new Set(told).size).toBe(3);
+  });
 
   it("a message that is cut is an error", async () => {
     const one = decoder();

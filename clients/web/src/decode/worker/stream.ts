@@ -5,8 +5,12 @@ import { fill as filled } from "../../../../typescript/src/filling.js";
 import { Referable } from "../../../../typescript/src/history.js";
 import { latticeOf } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
+import { type DescribedSensor, readDescribed } from "../../../../typescript/src/other/calibration.js";
+import { readCloudFrame } from "../../../../typescript/src/other/frame.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
 import { readPose } from "../../../../typescript/src/pose.js";
+import { SensorBook } from "../../../../typescript/src/sensor.js";
+import { type CloudImage, cloudImage, ringsOf, stillHolds } from "./cloud.js";
 import { factsOf, factsOfRings, packImage, type SensorFacts } from "./image.js";
 import { NativeStream } from "./native.js";
 import { readPng } from "./png.js";
@@ -15,6 +19,8 @@ export interface Decoded {
   /** As the cloud socket sends it, form range with intensities. */
   readonly data: ArrayBuffer;
   readonly sensor: SensorFacts;
+  /** Number of what is told of the sensor: another one where a viewer has to be told again. */
+  readonly told: number;
 }
 
 /** Weight files that are kept, beside those that the stream brings. */
@@ -32,6 +38,10 @@ export class StreamDecoder {
   #calibration: Uint8Array | null = null;
   #facts: SensorFacts | null = null;
   #fitted = false;
+  #told = 0;
+  /** Sensors of point clouds, and the image that `#facts` were made of, of a point cloud. */
+  #clouds = new SensorBook<DescribedSensor>([3], readDescribed);
+  #cloud: CloudImage | null = null;
 
   constructor(module: WebAssembly.Module, fetched: (name: string) => Promise<Uint8Array | null>, now: () => number) {
     this.#module = module;
@@ -49,6 +59,7 @@ export class StreamDecoder {
     if (this.#of !== `${codec} ${streamId} ${message.planes}`) {
       this.#forget();
       this.#calibration = null;
+      this.#clouds = new SensorBook<DescribedSensor>([3], readDescribed);
       this.#of = `${codec} ${streamId} ${message.planes}`;
     }
     this.#referable.of(message); // asked first, as an error of the module ends it
@@ -70,6 +81,7 @@ export class StreamDecoder {
 
   async #decode(message: Message, data: Uint8Array, fill: boolean): Promise<Decoded> {
     const native = this.#begun();
+    if (message.section(Section.CLOUD)) return this.#decodeCloud(native, message);
     await this.#bringWeights(native, data);
     if (message.codec === Codec.png) await givePicture(native, message);
     native.push(data);
@@ -82,7 +94,39 @@ export class StreamDecoder {
     const rangeStep = sensor.range_step_m;
     const made = lattice && filled(range, intensity, lattice)[0];
     const image = { streamId, index, stampNs, codec, rows, width, range, azimuth, intensity, filled: made, rangeStep };
-    return { data: packImage({ ...image, pose: poseOf(message) }, this.#now()), sensor };
+    return { data: packImage({ ...image, pose: poseOf(message) }, this.#now()), sensor, told: this.#told };
+  }
+
+  /** A point cloud, whose section is read here, and its planes by the module. */
+  #decodeCloud(native: NativeStream, message: Message): Decoded {
+    const readPlanes = (data: Uint8Array, columns: number) => native.planes(data, columns);
+    const { streamId, index, stampNs, codec, sensor, cloud } = readCloudFrame(message, this.#clouds, readPlanes);
+    const image = cloudImage(cloud, sensor.rows);
+    if (this.#facts?.hash !== sensor.hash || !this.#cloud || !stillHolds(this.#cloud, image)) {
+      this.#facts = factsOfRings(ringsOf(sensor, image));
+      this.#cloud = image;
+      this.#told++;
+    }
+    const { rows, width, range, intensity, stepM: rangeStep, points: measured } = image;
+    const azimuth = new Uint16Array(2 * width);
+    azimuth.set(image.azimuth);
+    azimuth.set(image.azimuth, width);
+    const shown = {
+      streamId,
+      index,
+      stampNs,
+      codec,
+      rows,
+      width,
+      range,
+      azimuth,
+      intensity,
+      filled: null,
+      rangeStep,
+      measured,
+    };
+    const data = packImage({ ...shown, pose: poseOf(message) }, this.#now());
+    return { data, sensor: this.#facts as SensorFacts, told: this.#told };
   }
 
   /** What viewers know of the sensor of the frame that was pushed. The geometry of other sensors than an HDL-64E is fitted to
@@ -91,6 +135,8 @@ export class StreamDecoder {
     const known = this.#facts?.hash === native.sensorHash ? this.#facts : null;
     if (known && (message.planes ? this.#fitted : !message.key)) return known;
     const rings = message.planes ? native.rings : null;
+    if (!known || message.planes) this.#told++;
+    this.#cloud = null;
     this.#facts = rings ? factsOfRings(rings) : factsOf(native.sensor);
     this.#fitted = message.width > 0;
     return this.#facts;

@@ -23,8 +23,8 @@ let before: Promise<void> = Promise.resolve();
 
 async function decode(id: number, message: ArrayBuffer): Promise<void> {
   try {
-    const { data, sensor } = await (await decoder).decode(new Uint8Array(message), asked.fill);
-    postMessage({ id, data, sensor }, { transfer: [data] });
+    const { data, sensor, told } = await (await decoder).decode(new Uint8Array(message), asked.fill);
+    postMessage({ id, data, sensor, told }, { transfer: [data] });
   } catch (error) {
     const code = error instanceof DecodeError ? error.code : "failed";
     postMessage({ id, code, error: error instanceof Error ? error.message : String(error) });
