@@ -4,7 +4,7 @@ import { damaged } from "../errors.js";
 import type { Reader } from "../other/reader.js";
 import { readLine, signedNumbers } from "../other/rest.js";
 import { zstdFrame } from "../zstd.js";
-import { ANGLES, bitsOfOrdered, bitsOfSingle, type CloudGeometry, driverRadians, ordered, turnsOf } from "./geometry.js";
+import { ANGLES, bitsOfOrdered, type CloudGeometry, driverRadians, ordered, turnsOf } from "./geometry.js";
 import { bytesOf, type CloudHead, FieldType } from "./message.js";
 import { RestReader, unzigzag } from "./rests.js";
 
@@ -92,7 +92,10 @@ export function readColumn(reader: Reader, type: number, image: Image, plane: Ui
   if (cells === null) throw unknown();
   if (way === Way.byRow) {
     const line = readLine(reader, cells.rows);
-    return fromNumbers(BigInt64Array.from(cells.row, (row) => line[row]! + base), type);
+    if (!long) return fromNumbers(spread(Float64Array.from(line, Number), cells.row), type);
+    const numbers = new BigInt64Array(points);
+    for (let i = 0; i < points; i++) numbers[i] = line[cells.row[i]!]! + base;
+    return numbers;
   }
   if (way === Way.sums) return sums(reader, cells, type, base);
   if (long) throw unknown();
@@ -101,18 +104,28 @@ export function readColumn(reader: Reader, type: number, image: Image, plane: Ui
   if ((way === Way.plane || way === Way.whole) && plane === undefined) throw damaged("a column of a cloud without its plane");
   if (way === Way.plane) return fromNumbers(plane!, type);
   if (type !== FieldType.float32) throw unknown();
-  if (way === Way.whole) return Uint32Array.from(plane!, bitsOfSingle);
+  if (way === Way.whole) return singles(plane!, 1);
   if (way === Way.times) return times(reader, cells);
-  if (geometry !== null && way === Way.metres) {
-    const step = Math.fround(geometry.stepM);
-    return Uint32Array.from(image.n, (n) => bitsOfSingle(n * step));
-  }
+  if (geometry !== null && way === Way.metres) return singles(image.n, Math.fround(geometry.stepM));
   if (geometry !== null && way === Way.angle) return angles(reader, image, cells, geometry);
   throw unknown();
 }
 
+/** Bits of numbers times a float32, as float32. */
+function singles(numbers: Uint32Array, by: number): Uint32Array {
+  const found = new Float32Array(numbers.length);
+  for (let i = 0; i < found.length; i++) found[i] = numbers[i]! * by;
+  return new Uint32Array(found.buffer);
+}
+
 function bigint(bytes: Uint8Array): bigint {
   return new DataView(bytes.buffer, bytes.byteOffset).getBigInt64(0, true);
+}
+
+function spread(line: Float64Array, row: Uint8Array): Float64Array {
+  const found = new Float64Array(row.length);
+  for (let i = 0; i < found.length; i++) found[i] = line[row[i]!]!;
+  return found;
 }
 
 function joined(plain: Uint8Array, points: number, type: number): Bits {

@@ -67,8 +67,9 @@ export function driverRadians(turns: number, angles: number): number {
 /** The direction of a point in turns, as the driver has it. */
 export function turnsOf(geometry: CloudGeometry, row: CloudRow, k: number): number {
   const turns = (k + row.turned) / geometry.turn;
+  if (geometry.angles === 0) return turns;
   const [sense, quarters] = ANGLES[geometry.angles]!;
-  return sense === 0 ? turns : (driverRadians(turns, geometry.angles) / TURN - quarters * 0.25) * sense;
+  return (driverRadians(turns, geometry.angles) / TURN - quarters * 0.25) * sense;
 }
 
 const SINE = [1 / 6227020800, -1 / 39916800, 1 / 362880, -1 / 5040, 1 / 120, -1 / 6, 1];
@@ -84,8 +85,9 @@ export function placeOf(geometry: CloudGeometry, row: CloudRow, n: number, turns
   sine *= angle;
   let cosine = -1 / 87178291200;
   for (const factor of COSINE) cosine = cosine * square + factor;
-  const turned = ((quarter % 4) + 4) % 4;
-  let [c, s] = turned % 2 === 1 ? [sine, cosine] : [cosine, sine];
+  const turned = quarter & 3;
+  let c = turned & 1 ? sine : cosine;
+  let s = turned & 1 ? cosine : sine;
   if (turned === 1 || turned === 2) c = -c;
   if (turned >= 2) s = -s;
   if (!geometry.narrow) {
@@ -100,7 +102,8 @@ export function placeOf(geometry: CloudGeometry, row: CloudRow, n: number, turns
   const distance = f32(n * f32(geometry.stepM));
   const rho = f32(f32(f32(row.along) * distance) + f32(row.alongM));
   const aside = f32(row.asideM);
-  [c, s] = [f32(c), f32(s)];
+  c = f32(c);
+  s = f32(s);
   to[0] = f32(f32(rho * c) - f32(aside * s));
   to[1] = f32(f32(rho * s) + f32(aside * c));
   to[2] = f32(f32(f32(row.up) * distance) + f32(row.upM));

@@ -154,12 +154,15 @@ class Directions {
   }
 
   #wrapped(steps: number): number {
-    const off = (steps - this.#least) % this.#turn;
+    const from = steps - this.#least;
+    if (from >= 0 && from < this.#turn) return steps;
+    const off = from % this.#turn;
     return (off < 0 ? off + this.#turn : off) + this.#least;
   }
 
   next(rests: RestReader, row: number, column: number): number {
-    const [began, rowLeft] = [this.#column[row]! >= 0, this.#rowLeft[row]!];
+    const began = this.#column[row]! >= 0;
+    const rowLeft = this.#rowLeft[row]!;
     let k: number;
     let left: number;
     if (this.#step !== null) {

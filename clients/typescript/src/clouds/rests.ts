@@ -3,7 +3,8 @@
 import { DecodeError, damaged } from "../errors.js";
 import { Reader } from "../other/reader.js";
 
-const SLOTS = 2048;
+const SLOT_BITS = 11;
+const SLOTS = 1 << SLOT_BITS;
 const LANES = 4;
 const LEAST = 65_536;
 const DIRECT = 16;
@@ -11,7 +12,7 @@ const MOST_TOKENS = 40;
 const CONTEXTS = 64;
 
 export function unzigzag(value: number): number {
-  return value % 2 ? -(value + 1) / 2 : value / 2;
+  return (value >>> 1) ^ -(value & 1);
 }
 
 /** What is known of the tokens of one context. */
@@ -63,7 +64,7 @@ class Table {
 /** The rests of a stream, one after the other. */
 export class RestReader {
   readonly #tokens: number;
-  readonly #states = new Float64Array(LANES);
+  readonly #states = new Uint32Array(LANES);
   readonly #tables: (Table | undefined)[] = new Array(CONTEXTS);
   #words: Uint8Array = new Uint8Array();
   #bits: Uint8Array = new Uint8Array();
@@ -92,11 +93,11 @@ export class RestReader {
   next(context: number): number {
     if (this.#tokens === 0) return 0;
     const table = (this.#tables[context] ??= new Table(this.#tokens));
-    const lane = this.#at++ % LANES;
+    const lane = this.#at++ & (LANES - 1);
     const before = this.#states[lane]!;
-    const slot = before % SLOTS;
+    const slot = before & (SLOTS - 1);
     const token = table.tokenAt[slot]!;
-    let state = table.frequency[token]! * Math.floor(before / SLOTS) + slot - table.start[token]!;
+    let state = table.frequency[token]! * (before >>> SLOT_BITS) + slot - table.start[token]!;
     if (state < LEAST) {
       if (this.#word >= this.#words.length) throw ends();
       state = state * 65_536 + this.#words[this.#word]! + this.#words[this.#word + 1]! * 256;

@@ -114,14 +114,23 @@ function readCells(reader: Reader, order: Order, points: number, readPlanes: Rea
   const [row, column, cell] = [new Uint8Array(points), new Uint16Array(points), new Uint32Array(points)];
   let count = 0;
   const take = (r: number, c: number): void => {
-    if (!full && ranges[r * columns + c] === 0) return;
-    if (count < points) [row[count], column[count], cell[count]] = [r, c, r * columns + c];
+    const at = r * columns + c;
+    if (!full && ranges[at] === 0) return;
+    if (count < points) {
+      row[count] = r;
+      column[count] = c;
+      cell[count] = at;
+    }
     count++;
   };
   if (firing) for (let c = 0; c < columns; c++) for (const r of firing) take(r, c);
   else for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) take(r, c);
   if (count !== points) throw damaged(`a range image of ${count} points, not ${points}`);
-  for (const { name, values } of section.planes) planes.set(name, Uint32Array.from(cell, (at) => values[at]!));
+  for (const { name, values } of section.planes) {
+    const numbers = new Uint32Array(points);
+    for (let i = 0; i < points; i++) numbers[i] = values[cell[i]!]!;
+    planes.set(name, numbers);
+  }
   return { rows, columns, row, column };
 }
 

@@ -4,6 +4,7 @@
  * that is not drawn close to its place is left out. */
 
 import type { Cells } from "../../../../typescript/src/clouds/columns.js";
+import { nearest } from "../../../../typescript/src/clouds/geometry.js";
 import { CloudMessage, namedField, type Values } from "../../../../typescript/src/clouds/message.js";
 import { returned } from "../../../../typescript/src/clouds/points.js";
 import type { Cloud } from "../../../../typescript/src/clouds/section.js";
@@ -42,6 +43,26 @@ export interface CloudImage {
   readonly points: number;
 }
 
+// Arrays with a number for each place: a function for each type, which is several times as quick as `from`.
+
+function floats(count: number, of: (at: number) => number): Float64Array {
+  const found = new Float64Array(count);
+  for (let at = 0; at < count; at++) found[at] = of(at);
+  return found;
+}
+
+function ints(count: number, of: (at: number) => number): Int32Array {
+  const found = new Int32Array(count);
+  for (let at = 0; at < count; at++) found[at] = of(at);
+  return found;
+}
+
+function places(count: number, of: (at: number) => number): Uint32Array {
+  const found = new Uint32Array(count);
+  for (let at = 0; at < count; at++) found[at] = of(at);
+  return found;
+}
+
 /** Points that may be drawn. */
 interface Points {
   readonly x: Float64Array;
@@ -52,7 +73,7 @@ interface Points {
 }
 
 interface Drawn {
-  readonly row: Uint8Array | Int32Array;
+  readonly row: Int32Array;
   readonly column: Int32Array;
   readonly elevation: Float64Array;
   readonly rotation: Float64Array;
@@ -64,19 +85,19 @@ export function cloudImage(cloud: Cloud, rows: number): CloudImage {
   const message = CloudMessage.of(cloud.payload);
   const found = returned(message);
   if (!message || !found || found.place.length === 0) return empty(rows, 0);
-  const [x, y, z] = found.axes;
-  const distance = (at: number) => Math.sqrt(x[at] ** 2 + y[at] ** 2 + z[at] ** 2);
-  let chosen = found.place.filter((at) => distance(at) <= FARTHEST_M);
+  let chosen = near(found.axes, found.place);
   if (chosen.length === 0) return empty(rows, found.place.length);
   let points = pointsAt(found.axes, chosen);
   const cells = cellsOf(cloud, message);
   let drawn = cells && ofMessage(cells, message, found.place, found.axes, chosen, points, rows);
   if (!drawn) {
     const made = ofDirections(points);
-    const close = [...chosen.keys()].filter((i) => off(made, points, i) <= CLOSE_M + CLOSE * points.range[i]);
-    const { row, column } = made;
-    drawn = { ...made, row: Int32Array.from(close, (i) => row[i]), column: Int32Array.from(close, (i) => column[i]) };
-    chosen = Uint32Array.from(close, (i) => chosen[i]);
+    const is = (i: number) => off(made, points, i) <= CLOSE_M + CLOSE * points.range[i];
+    const close = places(chosen.length, (i) => i).filter(is);
+    const at = (of: Int32Array) => ints(close.length, (i) => of[close[i]]);
+    const all = chosen;
+    drawn = { ...made, row: at(made.row), column: at(made.column) };
+    chosen = places(close.length, (i) => all[close[i]]);
     points = pointsAt(found.axes, chosen);
   }
   return painted(drawn, points.range, intensitiesOf(message), chosen, found.place.length);
@@ -121,11 +142,17 @@ function empty(rows: number, points: number): CloudImage {
   };
 }
 
+/** Those of some points that are near enough to be drawn. */
+function near([x, y, z]: readonly [Values, Values, Values], place: Uint32Array): Uint32Array {
+  return place.filter((at) => Math.sqrt(x[at] * x[at] + y[at] * y[at] + z[at] * z[at]) <= FARTHEST_M);
+}
+
 function pointsAt([x, y, z]: readonly [Values, Values, Values], chosen: Uint32Array): Points {
-  const of = (values: Values) => Float64Array.from(chosen, (at) => values[at]);
+  const of = (values: Values) => floats(chosen.length, (i) => values[chosen[i]]);
   const [px, py, pz] = [of(x), of(y), of(z)];
-  const range = px.map((value, i) => Math.sqrt(value ** 2 + py[i] ** 2 + pz[i] ** 2));
-  const up = px.map((value, i) => Math.atan2(pz[i], Math.hypot(value, py[i])));
+  const flat = (i: number) => px[i] * px[i] + py[i] * py[i];
+  const range = floats(chosen.length, (i) => Math.sqrt(flat(i) + pz[i] * pz[i]));
+  const up = floats(chosen.length, (i) => Math.atan2(pz[i], Math.sqrt(flat(i))));
   return { x: px, y: py, z: pz, range, up };
 }
 
@@ -134,7 +161,8 @@ function off({ row, column, elevation, rotation, azimuth }: Drawn, { x, y, z, ra
   const beta = radians(azimuth[column[i]]) - rotation[row[i]];
   const up = elevation[row[i]];
   const flat = range[i] * Math.cos(up);
-  return Math.hypot(flat * Math.cos(beta) - x[i], -flat * Math.sin(beta) - y[i], range[i] * Math.sin(up) - z[i]);
+  const [dx, dy, dz] = [flat * Math.cos(beta) - x[i], -flat * Math.sin(beta) - y[i], range[i] * Math.sin(up) - z[i]];
+  return Math.sqrt(dx * dx + dy * dy + dz * dz);
 }
 
 function radians(hundredths: number): number {
@@ -146,8 +174,13 @@ function cellsOf(cloud: Cloud, { head, points }: CloudMessage): Cells | null {
   if (cloud.cells) return cloud.cells;
   const { height, width } = head;
   if (height < 2 || height > MOST_ROWS || width > MOST_MESSAGE_COLUMNS || points > MOST_CELLS) return null;
-  const row = Uint8Array.from({ length: points }, (_, i) => Math.floor(i / width));
-  return { rows: height, columns: width, row, column: Uint16Array.from(row, (_, i) => i % width) };
+  const [row, column] = [new Uint8Array(points), new Uint16Array(points)];
+  for (let r = 0, i = 0; r < height; r++)
+    for (let c = 0; c < width; c++, i++) {
+      row[i] = r;
+      column[i] = c;
+    }
+  return { rows: height, columns: width, row, column };
 }
 
 /** Cells as rows and columns, the highest row first; null if a point would be drawn elsewhere, or they are not those of a whole
@@ -164,9 +197,9 @@ function ofMessage(
   if (cells.columns > MOST_COLUMNS || count !== cells.row.length) return null;
   const rising = rises(cells, all, axes);
   const rowOf = (at: number) => (rising ? cells.rows - 1 - cells.row[at] : cells.row[at]);
-  const row = Int32Array.from(chosen, rowOf);
+  const row = ints(chosen.length, (i) => rowOf(chosen[i]));
   if (row.some((one) => one >= rows)) return null;
-  const column = Int32Array.from(chosen, (at) => cells.column[at]);
+  const column = ints(chosen.length, (i) => cells.column[chosen[i]]);
   const shown = all.filter((at) => rowOf(at) < rows);
   const azimuth = columnAzimuths(cells, shown, axes);
   if (!isTurn(azimuth)) return null;
@@ -194,8 +227,8 @@ function rises(cells: Cells, place: Uint32Array, [x, y, z]: readonly [Values, Va
   if (place.length < 2) return false;
   const step = Math.max(1, Math.floor(place.length / LOOKED_AT));
   const some = place.filter((_, i) => i % step === 0);
-  const up = Float64Array.from(some, (at) => Math.atan2(z[at], Math.hypot(x[at], y[at])));
-  const row = Float64Array.from(some, (at) => cells.row[at]);
+  const up = floats(some.length, (i) => Math.atan2(z[some[i]], Math.sqrt(x[some[i]] ** 2 + y[some[i]] ** 2)));
+  const row = floats(some.length, (i) => cells.row[some[i]]);
   const mean = (values: Float64Array) => values.reduce((sum, value) => sum + value, 0) / values.length;
   const [meanUp, meanRow] = [mean(up), mean(row)];
   return up.reduce((sum, value, i) => sum + (row[i] - meanRow) * (value - meanUp), 0) > 0;
@@ -212,14 +245,9 @@ function columnAzimuths(cells: Cells, shown: Uint32Array, [x, y]: readonly [Valu
   let last = 0;
   return Uint16Array.from(cosine, (value, at) => {
     if (value !== 0 || sine[at] !== 0 || at === 0)
-      last = (nearestEven((Math.atan2(-sine[at], value) * 18_000) / Math.PI) + TURN) % TURN;
+      last = (nearest((Math.atan2(-sine[at], value) * 18_000) / Math.PI) + TURN) % TURN;
     return last;
   });
-}
-
-function nearestEven(value: number): number {
-  const rounded = Math.round(value);
-  return Math.abs(value % 1) === 0.5 && rounded % 2 !== 0 ? rounded - 1 : rounded;
 }
 
 /** Whether columns are those of a whole turn. */
@@ -235,12 +263,13 @@ function ofDirections({ x, y, up }: Points): Drawn {
   const levels = levelsOf(up);
   const between = levels.subarray(1).map((level, i) => (level + levels[i]) / 2);
   const columns = COLUMNS[x.length > MANY ? 1 : 0];
-  const row = Int32Array.from(up, (one) => levels.length - 1 - below(between, one));
-  const column = Int32Array.from(x, (value, i) => {
-    const turned = (Math.atan2(-y[i], value) * 18_000) / Math.PI;
-    return (nearestEven((turned * columns) / TURN) + columns) % columns;
+  const row = ints(up.length, (i) => levels.length - 1 - below(between, up[i]));
+  const column = ints(up.length, (i) => {
+    const turned = (Math.atan2(-y[i], x[i]) * 18_000) / Math.PI;
+    const at = nearest((turned * columns) / TURN);
+    return at < 0 ? at + columns : at < columns ? at : 0;
   });
-  const azimuth = Uint16Array.from({ length: columns }, (_, i) => nearestEven(i * (TURN / columns)));
+  const azimuth = Uint16Array.from({ length: columns }, (_, i) => nearest(i * (TURN / columns)));
   return { row, column, elevation: levels.slice().reverse(), rotation: new Float64Array(levels.length), azimuth };
 }
 
@@ -283,10 +312,11 @@ function levelsOf(up: Float64Array): Float64Array {
 function intensitiesOf(message: CloudMessage): Uint8Array {
   const field = ["intensity", "reflectivity", "i"].map((name) => namedField(message.head, name)).find(Boolean);
   if (!field) return new Uint8Array(message.points);
-  const values = Float64Array.from(message.values(field), (value) => (Number.isFinite(value) ? value : 0));
+  const given = message.values(field);
+  const values = floats(given.length, (i) => (Number.isFinite(given[i]) ? given[i] : 0));
   const most = values.reduce((sum, value) => Math.max(sum, value), 0);
   const scale = most > 0 && most <= 1 && values.some((value) => !Number.isInteger(value)) ? 255 : 1;
-  return Uint8Array.from(values, (value) => Math.min(Math.max(nearestEven(value * scale), 0), 255));
+  return new Uint8Array(ints(values.length, (i) => Math.min(Math.max(nearest(values[i] * scale), 0), 255)));
 }
 
 /** Of points in one cell the nearest stays. */
@@ -303,12 +333,12 @@ function painted(
   let stepM = STEP_M;
   while (far > stepM * MAX_U16) stepM *= 2;
   const [image, intensity] = [new Uint16Array(rows * width), new Uint8Array(rows * width)];
-  const nearest = new Float64Array(rows * width).fill(Number.POSITIVE_INFINITY);
+  const closest = new Float64Array(rows * width).fill(Number.POSITIVE_INFINITY);
   for (let i = 0; i < range.length; i++) {
     const cell = row[i] * width + column[i];
-    if (range[i] > nearest[cell]) continue;
-    nearest[cell] = range[i];
-    image[cell] = Math.min(Math.max(nearestEven(range[i] / stepM), 1), MAX_U16);
+    if (range[i] > closest[cell]) continue;
+    closest[cell] = range[i];
+    image[cell] = Math.min(Math.max(nearest(range[i] / stepM), 1), MAX_U16);
     intensity[cell] = intensities[chosen[i]];
   }
   return { rows, width, range: image, intensity, azimuth, elevation, rotation, stepM, points };
