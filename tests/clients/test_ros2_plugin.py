@@ -12,10 +12,14 @@ import numpy as np
 import pytest
 
 from lidarcodec import wire
+from lidarcodec.errors import DecodeError
 from lidarcodec.interop.compressed_cloud import FORMAT, TRANSPORT
 from lidarcodec.interop.point_cloud2 import points_of
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.sensors.clouds.message import read_message, values_at
+from lidarcodec.sensors.clouds.points import payload_of
 from tests.conftest import ROOT
+from tests.vectors import cloud_vectors
 from tests.vectors.make import split
 
 PACKAGE = ROOT / "clients" / "ros2" / "lidarcodec_point_cloud_transport"
@@ -59,6 +63,31 @@ def test_points_are_those_of_the_bridge(built: Path, tmp_path: Path, name: str) 
         assert len(found) == len(wanted)
         for one in names:
             np.testing.assert_allclose(found[one], wanted[one], rtol=1e-5, atol=1e-4, err_msg=one)
+
+
+@pytest.mark.sweep
+def test_point_clouds_of_drivers_keep_all_fields(built: Path, tmp_path: Path) -> None:
+    path = cloud_vectors.FOLDER / "predictive.bin"
+    words = [str(built / "test_decoder"), "--points", str(path), str(tmp_path)]
+    done = subprocess.run(words, check=True, capture_output=True, text=True, timeout=120)
+    decoder = StreamDecoder()
+    for number, data in enumerate(split(path.read_bytes())):
+        (frame,) = decoder.decode(wire.unpack(data))
+        found = (tmp_path / f"{number}.points").read_bytes()
+        try:
+            message = read_message(payload_of(frame))
+        except DecodeError:
+            assert found == b""
+            continue
+        fields = message.head.fields
+        size = sum(np.dtype(one.kind).itemsize * one.repeated for one in fields)
+        assert done.stdout.splitlines()[number].split() == [*(one.name for one in fields), str(size)]
+        dtype = np.dtype([(one.name, "<" + one.kind, (one.repeated,)) for one in fields])
+        points = np.frombuffer(found, dtype)
+        assert len(points) == message.head.points
+        for one in fields:
+            wanted = values_at(message.points, one.offset, message.head.dtype_of(one))
+            assert wanted.tobytes() == points[one.name][:, 0].tobytes(), one.name
 
 
 @pytest.mark.sweep

@@ -37,10 +37,12 @@ function check(frame: ImageFrame, expected: ExpectedCloud): void {
   );
   assert.deepEqual([frame.width, frame.planes.length, sensor.model], [0, 0, "pointcloud2"]);
   const points = cloudPointsOf(cloud.payload);
+  assert.throws(() => points.values("no such field"), RangeError);
   assert.equal(points.count, expected.returns);
   const shown = points.count ? [0, points.count >> 1, points.count - 1] : [];
   shown.forEach((at, i) => assert.deepEqual([...points.xyz.subarray(3 * at, 3 * at + 3)], expected.points[i]));
-  for (const [name, values] of points.fields) {
+  for (const name of points.names) {
+    const values = points.values(name);
     assert.equal(values.length, points.count);
     const field = fields.find((one) => one.name === name)!;
     const all = message!.values(field);

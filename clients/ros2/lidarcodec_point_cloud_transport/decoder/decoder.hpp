@@ -11,18 +11,21 @@ namespace lidarcodec_point_cloud_transport {
 
 // A field of a point; `datatype` as sensor_msgs/PointField numbers it.
 struct Field {
-  const char* name;
+  std::string name;
   uint32_t offset;
   uint8_t datatype;
+  uint32_t count = 1;
 };
 
 // Points as the ROS driver of Velodyne lays them out: x y z intensity (float32), ring (uint16, 0 is the lowest beam),
 // and time (float32, seconds after the stamp). An HDL-64E has no `time`: the library does not read the times of its
-// firings.
+// firings. A point cloud that came from a driver has all points and fields of its message, in their order and one
+// behind the other, also points without a return.
 struct Cloud {
   std::vector<Field> fields;
   uint32_t point_step = 0;
   uint32_t points = 0;
+  bool dense = true;          // whether all coordinates are known to be numbers
   std::vector<uint8_t> data;  // little endian
 };
 
@@ -49,6 +52,8 @@ class Decoder {
   struct Close {
     void operator()(lidarcodec_session* session) const { lidarcodec_close(session); }
   };
+
+  bool take_fields(Cloud& cloud) const;
 
   std::unique_ptr<lidarcodec_session, Close> session_;
   std::vector<lidarcodec_point> points_;

@@ -22,11 +22,11 @@ sensor_msgs::msg::PointCloud2::SharedPtr message_of(const Cloud& cloud, const st
     described.name = field.name;
     described.offset = field.offset;
     described.datatype = field.datatype;
-    described.count = 1;
+    described.count = field.count;
     message->fields.push_back(std::move(described));
   }
   message->is_bigendian = false;
-  message->is_dense = true;
+  message->is_dense = cloud.dense;
   message->point_step = cloud.point_step;
   message->row_step = cloud.point_step * cloud.points;
   message->data = cloud.data;

@@ -10,8 +10,10 @@ export interface CloudPoints {
   readonly xyz: Float32Array;
   /** Place of each point among those of the message. */
   readonly place: Uint32Array;
-  /** The fields of one value by name, as the message has them; x, y and z too. */
-  readonly fields: ReadonlyMap<string, Values>;
+  /** Names of the fields of one value, x, y and z too, each once. */
+  readonly names: readonly string[];
+  /** The values of such a field as the message has them, of each point. Throws RangeError for another name. */
+  values(name: string): Values;
 }
 
 /** Number of points with a return. */
@@ -24,21 +26,27 @@ export function cloudReturns(payload: Uint8Array): number {
 export function cloudPointsOf(payload: Uint8Array): CloudPoints {
   const message = CloudMessage.of(payload);
   const found = returned(message);
-  if (!message || !found) return { count: 0, xyz: new Float32Array(), place: new Uint32Array(), fields: new Map() };
+  if (!message || !found) return { count: 0, xyz: new Float32Array(), place: new Uint32Array(), names: [], values: noField };
   const { place, axes } = found;
   const xyz = new Float32Array(3 * place.length);
   axes.forEach((values, axis) => {
     for (let i = 0; i < place.length; i++) xyz[3 * i + axis] = values[place[i]!]!;
   });
-  const fields = new Map<string, Values>();
-  for (const field of message.head.fields) {
-    if (field.count !== 1 || fields.has(field.name)) continue;
-    const values = message.values(field);
-    const chosen = values.slice(0, place.length);
-    for (let i = 0; i < place.length; i++) chosen[i] = values[place[i]!]!;
-    fields.set(field.name, chosen);
-  }
-  return { count: place.length, xyz, place, fields };
+  const { head } = message;
+  const names = [...new Set(head.fields.filter(({ count }) => count === 1).map(({ name }) => name))];
+  const values = (name: string): Values => {
+    const field = namedField(head, name);
+    if (!field) return noField(name);
+    const all = message.values(field);
+    const chosen = all.slice(0, place.length);
+    for (let i = 0; i < place.length; i++) chosen[i] = all[place[i]!]!;
+    return chosen;
+  };
+  return { count: place.length, xyz, place, names, values };
+}
+
+function noField(name: string): never {
+  throw new RangeError(`these points have no field ${name}`);
 }
 
 /** The places of points with a return, and x, y and z of all points; null where they are not known. */
