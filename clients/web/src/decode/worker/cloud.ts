@@ -1,5 +1,5 @@
 /** The range image of a point cloud that came as a message, for the view, which computes points itself. The rule is that of the
- * server (lidarcodec_server/live/cloud_image.py): rows and columns of the cells that the points were sent in, if each point is
+ * server (lidarcodec_server/live/cloud_image.py): rows and columns of the cells that the points were sent in, or come in, if each point is
  * drawn close to its place by them; else rows near to the directions of points, and columns in even steps, where a point
  * that is not drawn close to its place is left out. */
 
@@ -9,6 +9,7 @@ import { CloudMessage, namedField, type Values } from "../../../../typescript/sr
 import { returned } from "../../../../typescript/src/clouds/points.js";
 import type { Cloud } from "../../../../typescript/src/clouds/section.js";
 import type { DescribedSensor } from "../../../../typescript/src/other/calibration.js";
+import { cellsOfPoints } from "./grid.js";
 import type { Rings } from "./native.js";
 
 const FARTHEST_M = 1048;
@@ -63,6 +64,9 @@ function places(count: number, of: (at: number) => number): Uint32Array {
   return found;
 }
 
+/** x, y and z of all points of a message. */
+type Three = readonly [Values, Values, Values];
+
 /** Points that may be drawn. */
 interface Points {
   readonly x: Float64Array;
@@ -88,7 +92,7 @@ export function cloudImage(cloud: Cloud, rows: number): CloudImage {
   let chosen = near(found.axes, found.place);
   if (chosen.length === 0) return empty(rows, found.place.length);
   let points = pointsAt(found.axes, chosen);
-  const cells = cellsOf(cloud, message);
+  const cells = cellsOf(cloud, message, found.place, found.axes);
   let drawn = cells && ofMessage(cells, message, found.place, found.axes, chosen, points, rows);
   if (!drawn) {
     const made = ofDirections(points);
@@ -143,11 +147,11 @@ function empty(rows: number, points: number): CloudImage {
 }
 
 /** Those of some points that are near enough to be drawn. */
-function near([x, y, z]: readonly [Values, Values, Values], place: Uint32Array): Uint32Array {
+function near([x, y, z]: Three, place: Uint32Array): Uint32Array {
   return place.filter((at) => Math.sqrt(x[at] * x[at] + y[at] * y[at] + z[at] * z[at]) <= FARTHEST_M);
 }
 
-function pointsAt([x, y, z]: readonly [Values, Values, Values], chosen: Uint32Array): Points {
+function pointsAt([x, y, z]: Three, chosen: Uint32Array): Points {
   const of = (values: Values) => floats(chosen.length, (i) => values[chosen[i]]);
   const [px, py, pz] = [of(x), of(y), of(z)];
   const flat = (i: number) => px[i] * px[i] + py[i] * py[i];
@@ -169,11 +173,17 @@ function radians(hundredths: number): number {
   return (hundredths * 0.01 * Math.PI) / 180;
 }
 
-/** The cells that the points were sent in, or those of an organised message; null for another one. */
-function cellsOf(cloud: Cloud, { head, points }: CloudMessage): Cells | null {
+/** The cells that the points were sent in, else those of an organised message, else those by their order; or null. */
+function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, [x, y, z]: Three): Cells | null {
   if (cloud.cells) return cloud.cells;
-  const { height, width } = head;
-  if (height < 2 || height > MOST_ROWS || width > MOST_MESSAGE_COLUMNS || points > MOST_CELLS) return null;
+  const { points } = message;
+  const { height, width } = message.head;
+  if (height < 2 || height > MOST_ROWS || width > MOST_MESSAGE_COLUMNS || points > MOST_CELLS) {
+    const returned = new Uint8Array(points);
+    for (const at of place) returned[at] = 1;
+    const of = (values: Values) => floats(points, (at) => (returned[at] ? values[at] : 0));
+    return cellsOfPoints(message, { x: of(x), y: of(y), z: of(z), returned });
+  }
   const [row, column] = [new Uint8Array(points), new Uint16Array(points)];
   for (let r = 0, i = 0; r < height; r++)
     for (let c = 0; c < width; c++, i++) {
@@ -189,7 +199,7 @@ function ofMessage(
   cells: Cells,
   { points: count }: CloudMessage,
   all: Uint32Array,
-  axes: readonly [Values, Values, Values],
+  axes: Three,
   chosen: Uint32Array,
   points: Points,
   rows: number,
@@ -223,7 +233,7 @@ function ofMessage(
 }
 
 /** Whether higher rows look higher, by some of the points with a return. */
-function rises(cells: Cells, place: Uint32Array, [x, y, z]: readonly [Values, Values, Values]): boolean {
+function rises(cells: Cells, place: Uint32Array, [x, y, z]: Three): boolean {
   if (place.length < 2) return false;
   const step = Math.max(1, Math.floor(place.length / LOOKED_AT));
   const some = place.filter((_, i) => i % step === 0);
@@ -235,7 +245,7 @@ function rises(cells: Cells, place: Uint32Array, [x, y, z]: readonly [Values, Va
 }
 
 /** Mean direction of the points of each column; of one without points that of the one before. */
-function columnAzimuths(cells: Cells, shown: Uint32Array, [x, y]: readonly [Values, Values, Values]): Uint16Array {
+function columnAzimuths(cells: Cells, shown: Uint32Array, [x, y]: Three): Uint16Array {
   const [cosine, sine] = [new Float64Array(cells.columns), new Float64Array(cells.columns)];
   for (const at of shown) {
     const far = Math.max(Math.sqrt(x[at] ** 2 + y[at] ** 2), 1e-9);
