@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from lidarcodec.frame import Frame
+from lidarcodec.planes.beam_directions import BeamBook
 from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction, with_kept
 from lidarcodec.reduction.lots import exactly
 from lidarcodec.reduction.score_network import scores_of
@@ -30,7 +31,7 @@ class Poconet(Reducer):
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
         super().__init__(budget, argument, seed)
-        self._spread = Spread(seed)
+        self._spread, self._book = Spread(seed), BeamBook()
         self._left_out = 0
 
     def reduce(self, frame: Frame) -> Frame:
@@ -39,7 +40,7 @@ class Poconet(Reducer):
         count = self.budget.of(len(returns.cells))
         if count == len(returns.cells):
             return frame
-        scores = scores_of(frame, returns.cells)
+        scores = scores_of(frame, returns, self._book)
         near = frame.range.ravel()[returns.cells] < NEAR_M / frame.sensor.range_step_m
         staying = ~((scores.seldom > SELDOM) & near & ~scores.is_ground)
         self._left_out = int(np.count_nonzero(~staying))

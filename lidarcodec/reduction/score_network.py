@@ -15,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.frame import Frame
+from lidarcodec.planes.beam_directions import BeamBook
 from lidarcodec.reduction.score_image import score_image, unpatched
+from lidarcodec.reduction.spread import Returns
 
 WEIGHTS: Final = "poconet.onnx"
 Floats = npt.NDArray[np.float32]
@@ -54,9 +56,9 @@ def _session() -> Any:
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
 
-def scores_of(frame: Frame, cells: npt.NDArray[Any]) -> Scores:
-    """Scores of the returns in these cells, (N,) row * W + column."""
-    image = score_image(frame, cells)
+def scores_of(frame: Frame, returns: Returns, book: BeamBook | None = None) -> Scores:
+    """Scores of a frame's returns. book: of the stream"""
+    image = score_image(frame, returns, book)
     (patches,) = _session().run(None, {"features": image.features[None]})
     values = unpatched(patches[0]).reshape(len(Scores._fields), -1)
     return Scores(*(value[image.pixel] for value in values))

@@ -44,7 +44,7 @@ from lidarcodec.sources.poses import Poses
 from lidarcodec.training.annotation_folder import AnnotationFolder, Labels, Scans
 from lidarcodec.training.ground import ground_finder
 from lidarcodec.training.labels import NAMES, SHARE, labels_of, threshold_of
-from lidarcodec.units import FRAME_COLUMNS
+from lidarcodec.units import AZIMUTH_TURN, FRAME_COLUMNS
 from lidarcodec.untrusted.children import safe_path
 from lidarcodec.untrusted.npz import read_npy
 
@@ -165,7 +165,7 @@ def _read(frames: Iterable[Frame], folder: AnnotationFolder, settings: Annotatio
         return
     count = 0
     for frame in frames:
-        if frame.width < FRAME_COLUMNS // 2:
+        if not _is_most_of_a_turn(frame):
             continue
         if count == 0:
             folder.begin(asdict(settings), frame.sensor)
@@ -175,6 +175,12 @@ def _read(frames: Iterable[Frame], folder: AnnotationFolder, settings: Annotatio
     if not count:
         raise SourceError(f"{settings.source} has no complete frame to annotate")
     folder.note(frames=count)
+
+
+def _is_most_of_a_turn(frame: Frame) -> bool:
+    if frame.sensor.is_hdl64e:
+        return frame.width >= FRAME_COLUMNS // 2
+    return int((np.diff(frame.azimuth[0].astype(np.int64)) % AZIMUTH_TURN).sum()) > AZIMUTH_TURN // 2
 
 
 def _trajectory(folder: AnnotationFolder, settings: AnnotationSettings, poses: Poses | None, tick: Tick) -> Trajectory:

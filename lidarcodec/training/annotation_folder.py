@@ -1,10 +1,11 @@
 """AnnotationFolder: the frames, poses and labels of a drive, in files.
 
 annotation.json        settings of the run, and at its end the results
-    frames/000000.npz      range (64, W) uint16, intensity uint8, azimuth, fired; column_s (W,) after stamp_ns
+    frames/000000.npz      range (H, W), intensity, stamp_ns of the scan; of an HDL-64E azimuth, fired and column_s (W,)
+                           after stamp_ns; of another sensor layout, packet_ns, and series.NAME for each series
     trajectory.npz         T_world_velo (F, 4, 4) at the frames' stamps, and velocities; `--poses` reads it too
     map.npz                points (M, 3) float32, counts (M,) uint16: from how many poses each was seen
-    labels/000000.npz      count (64, W) uint16; label (64, W) uint8: 0 none, 1 low, 2 high, 3 ground; threshold
+    labels/000000.npz      count (H, W) uint16; label (H, W) uint8: 0 none, 1 low, 2 high, 3 ground; threshold
 
 A file is written completely or not at all, so a stopped run continues with the existing files.
 """
@@ -21,20 +22,25 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
-from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, SourceError
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import INTENSITY, RANGE
+from lidarcodec.image_frame import image_frame
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
+from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.training.labels import NAMES
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 FORMAT: Final = 1
+_SERIES: Final = "series."
 
 
 class Labels(NamedTuple):
-    """counts: (64, W) uint16; labels: (64, W) uint8; threshold: counts above it are high."""
+    """counts: (H, W) uint16; labels: (H, W) uint8; threshold: counts above it are high."""
 
     counts: npt.NDArray[np.uint16]
     labels: npt.NDArray[np.uint8]
@@ -87,8 +93,7 @@ class AnnotationFolder:
             raise SettingsError(f"{self.path} has other files, and is not an annotated drive: use another folder")
         for name in ("frames", "labels"):
             _made(self.path / name)
-        unit = {"name": sensor.name, "convention": sensor.convention, "table": sensor.calibration.table.tolist()}
-        self._write_about({"format": FORMAT, "settings": dict(settings), "sensor": unit})
+        self._write_about({"format": FORMAT, "settings": dict(settings), "sensor": _told(sensor)})
 
     def note(self, **found: Any) -> None:
         """Add results to annotation.json."""
@@ -98,10 +103,8 @@ class AnnotationFolder:
     def sensor(self) -> SensorModel:
         """The sensor of the frames. Raises SourceError."""
         try:
-            unit = (self.about() or {})["sensor"]
-            table = np.array(unit["table"], np.int32).reshape(len(CALIBRATION_FIELDS), -1)
-            return SensorModel(unit["name"], Calibration(table), "given", unit["convention"])
-        except (KeyError, TypeError, ValueError, OverflowError, CalibrationError):
+            return _sensor_of((self.about() or {})["sensor"])
+        except (KeyError, TypeError, ValueError, OverflowError, LidarCodecError):
             raise SourceError(f"{self.path}/annotation.json does not describe the sensor") from None
 
     @property
@@ -116,25 +119,39 @@ class AnnotationFolder:
 
     def write_frame(self, index: int, frame: Frame) -> None:
         """Write a frame, with the stamp and times of its scan."""
-        cloud, columns = frame.cloud(), np.zeros(frame.width, np.float32)
         scan = scan_of(frame)
-        columns[np.nonzero(frame.valid.T)[0]] = scan.after_s
-        del cloud
-        self._save(f"frames/{index:06d}.npz", range=frame.range, intensity=frame.intensity, azimuth=frame.azimuth,
-                   fired=frame.fired, column_s=columns, stamp_ns=np.int64(scan.stamp_ns))  # fmt: skip
+        told: dict[str, Any] = {"range": frame.range, "intensity": frame.intensity, "stamp_ns": np.int64(scan.stamp_ns)}
+        if isinstance(rest := frame.side, PacketRest):
+            told |= {"layout": np.frombuffer(rest.layout.encode(), np.uint8)}
+            told |= {"packet_ns": rest.packet_ns[rest.regular] + (frame.stamp_ns - scan.stamp_ns)}
+            told |= {_SERIES + name: numbers for name, numbers in rest.series.items()}
+        else:
+            columns = np.zeros(frame.width, np.float32)
+            columns[np.nonzero(frame.valid.T)[0]] = scan.after_s
+            told |= {"azimuth": frame.azimuth, "fired": frame.fired, "column_s": columns}
+        self._save(f"frames/{index:06d}.npz", **told)
 
     def frame(self, index: int, sensor: SensorModel | None = None) -> Frame:
-        """Read a frame, with the stamp of its scan and without side information. Raises SourceError."""
+        """Read a frame, with the stamp of its scan. It has no side information, or what other sensors than an HDL-64E
+        need for points. Raises SourceError.
+        """
         file = self._load(f"frames/{index:06d}.npz")
+        sensor = self.sensor if sensor is None else sensor
         try:
+            if not sensor.is_hdl64e:
+                return image_frame(index, int(file["stamp_ns"]), {name: file[name] for name in (RANGE, INTENSITY)},
+                                   _rest_of(file), sensor)  # fmt: skip
             return Frame(index, int(file["stamp_ns"]), file["range"], file["intensity"], file["azimuth"],
-                         file["fired"], sensor or self.sensor)  # fmt: skip
-        except (KeyError, TypeError, LidarCodecError) as error:
+                         file["fired"], sensor)  # fmt: skip
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, LidarCodecError) as error:
             raise SourceError(f"{self.path}/frames/{index:06d}.npz has no frame: {error}") from None
 
     def scan(self, index: int, sensor: SensorModel | None = None) -> Scan:
         """The returns of a frame in the order of its cloud. Raises SourceError."""
-        frame, columns = self.frame(index, sensor), self._load(f"frames/{index:06d}.npz")["column_s"]
+        frame = self.frame(index, sensor)
+        if not frame.sensor.is_hdl64e:
+            return scan_of(frame)
+        columns = self._load(f"frames/{index:06d}.npz")["column_s"]
         cloud = frame.cloud()
         points = np.stack([cloud[axis] for axis in "xyz"], axis=1)
         return Scan(frame.stamp_ns, points, columns[np.nonzero(frame.valid.T)[0]].astype(np.float32))
@@ -234,6 +251,40 @@ class Scans(Sequence[Scan]):
         if not -self._count <= index < self._count:
             raise IndexError(index)
         return self._folder.scan(index % self._count, self._sensor)
+
+
+def _told(sensor: SensorModel) -> dict[str, Any]:
+    """A sensor as annotation.json describes it."""
+    unit = {"name": sensor.name, "convention": sensor.convention, "table": sensor.calibration.table.tolist()}
+    if sensor.is_hdl64e:
+        return unit
+    return unit | {
+        "model": sensor.model,
+        "range_step_m": sensor.range_step_m,
+        "description": sensor.description.decode("latin-1"),
+    }
+
+
+def _sensor_of(unit: Mapping[str, Any]) -> SensorModel:
+    """The inverse of `_told`. Raises KeyError, TypeError, ValueError, OverflowError, LidarCodecError."""
+    calibration = Calibration(np.array(unit["table"], np.int32).reshape(len(CALIBRATION_FIELDS), -1))
+    if "model" not in unit:
+        return SensorModel(unit["name"], calibration, "given", unit["convention"])
+    model, step_m, description = unit["model"], unit["range_step_m"], unit["description"]
+    if not (isinstance(model, str) and isinstance(step_m, float) and 0 < step_m < 1 and isinstance(description, str)):
+        raise ValueError("no sensor")
+    data = description.encode("latin-1")
+    sensor = SensorModel(unit["name"], calibration, "given", unit["convention"], step_m, model, data)
+    if sensor.is_cloud or sensor_of(sensor) is None:
+        raise ValueError("no sensor with images")
+    return sensor
+
+
+def _rest_of(file: Mapping[str, Any]) -> PacketRest:
+    """What a file of a frame says of its packets, all of which are regular."""
+    series = {name.removeprefix(_SERIES): file[name] for name in file if name.startswith(_SERIES)}
+    layout = file["layout"].tobytes().decode("ascii")
+    return PacketRest(layout, file["packet_ns"], np.zeros(0, np.uint16), (), series)
 
 
 def _are_labels(found: Labels) -> bool:

@@ -20,9 +20,9 @@ OPSET = 17
 
 
 def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str], *, force: bool = True) -> None:
-    """Write the network, for images of any width that is a multiple of 16. about: its metadata
+    """Write the network, for images of any height that is a multiple of 8 and width that is a multiple of 16.
 
-    force: whether to replace a file of that name
+    about: its metadata;  force: whether to replace a file of that name
 
     Raises MissingExtraError without the package onnx; SourceError if the file cannot be written.
     """
@@ -32,7 +32,7 @@ def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str], *, force:
         raise MissingExtraError("writing ONNX files", "learned") from None
     example = torch.from_numpy(np.zeros((1, CHANNELS, LASERS, 4 * MULTIPLE), np.float32))
     buffer = io.BytesIO()
-    axes = {"features": {3: "columns"}, "values": {3: "patches"}}
+    axes = {"features": {2: "rows", 3: "columns"}, "values": {2: "halves", 3: "patches"}}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the newer exporter needs further packages
         torch.onnx.export(

@@ -43,7 +43,7 @@ def _parts(source: PacketSource, spec: Spec) -> Iterator[Part]:
     yield source.sensor.hash.encode()
     if spec.scheme:
         for frame in islice(read_frames(source), 1):
-            yield from (frame.range_u16, frame.intensity)
+            yield from (frame.range_u16 if frame.sensor.is_hdl64e else frame.range, frame.intensity)
     elif spec.path.is_file():
         try:
             with open_regular(spec.path) as file:

@@ -11,20 +11,22 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
-from lidarcodec.reduction.score_image import score_image
+from lidarcodec.reduction.score_image import HEIGHT_SCALE, score_image
 from lidarcodec.training.annotation_folder import AnnotationFolder, Labels
 from lidarcodec.training.labels import GROUND
 
 SELDOM_COUNT: Final = 3
 """A place with at most this count is rarely seen: moving objects, and places that appeared at the end of the drive."""
-SELDOM_M: Final = 40.0
-"""Beyond this distance all counts are low."""
+SELDOM_M: Final = (3.0, 40.0)
+"""Nearer is the vehicle itself, which is in no map; beyond this distance all counts are low."""
 IGNORED: Final = -1
+LIFTED_M: Final = 0.6
+"""Standard deviation of the change of heights."""
 
 
 class Example(NamedTuple):
-    """A training image: features (6, 64, C) float16; label (64, C) int8: 0 low, 1 high, 2 ground; rank (64, C) float16:
-    rank of the count among returns that are not ground, 0 to 1; seldom (64, C) int8. -1: no target."""
+    """A training image, (H, C): features (6, H, C) float16; label int8: 0 low, 1 high, 2 ground; rank float16: rank of
+    the count among returns that are not ground, 0 to 1; seldom int8. -1: no target."""
 
     features: npt.NDArray[Any]
     label: npt.NDArray[Any]
@@ -48,7 +50,7 @@ def labelled(paths: Sequence[Path], every: int = 1) -> Iterator[tuple[Frame, Lab
 
 def seldom_of(counts: npt.NDArray[Any], labels: npt.NDArray[Any], metres: npt.NDArray[Any]) -> npt.NDArray[np.int8]:
     """(N,) int8, 1 for rarely seen returns, 0 for others, -1 if unknown. counts, labels, metres: (N,)"""
-    judged = (labels != GROUND) & (metres < SELDOM_M)
+    judged = (labels != GROUND) & (metres >= SELDOM_M[0]) & (metres < SELDOM_M[1])
     return np.where(judged, counts <= SELDOM_COUNT, IGNORED).astype(np.int8)
 
 
@@ -75,7 +77,10 @@ def example_of(frame: Frame, found: Labels, rng: np.random.Generator) -> Example
 
 
 def crop(example: Example, width: int, rng: np.random.Generator) -> Example:
-    """A crop of `width` columns, mirrored with probability 1/2, with a random change of the intensity's scale."""
+    """A crop of `width` columns, mirrored with probability 1/2, with a random change of the intensity's scale.
+
+    Half of the crops have all heights moved, because not every sensor is mounted as high as the simulated one.
+    """
     columns = (int(rng.integers(example.label.shape[1])) + np.arange(width)) % example.label.shape[1]
     mirrored = rng.random() < 0.5
     if mirrored:
@@ -85,5 +90,7 @@ def crop(example: Example, width: int, rng: np.random.Generator) -> Example:
         features[4] = -np.roll(features[4], -1, axis=1)
     bright = 0.0 if rng.random() < 0.2 else float(np.exp(rng.normal(0.0, 0.4)))
     features[2] = np.minimum(features[2] * bright, 1.0)
+    lifted = float(rng.normal(0.0, LIFTED_M)) if rng.random() < 0.5 else 0.0
+    features[1] += lifted * HEIGHT_SCALE * features[3]
     label, rank, seldom = (plane[:, columns] for plane in example[1:])
     return Example(features, label, rank, seldom)

@@ -1,11 +1,14 @@
 """Training of ScoreNet on annotated drives: classes high, low and ground, rank of the counts, rarely seen returns.
 
+A step takes crops of two layouts of sensors, and each goes through the network alone. The last steps normalise by the
+running means of all layouts, as the network that ships does, so it learns to do without those of one.
+
 The random crops of a step depend on its number (`runs.step_rng`), so a resumed run equals an uninterrupted one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -25,19 +28,25 @@ from lidarcodec.training.score_metrics import Agreement
 from lidarcodec.training.steps import train
 
 CLASS_WEIGHTS: Final = (1.0, 2.0, 0.7)
+LAYOUTS: Final = 2
 
 
 @dataclass(frozen=True)
 class ScoreRun:
-    """Training options of ScoreNet. batch: crops in a step;  width: columns of a crop, a multiple of 16;  rate: peak"""
+    """Training options of ScoreNet.
+
+    batch: crops of each layout in a step;  width: columns of a crop, a multiple of 16;  rate: peak
+    settled: share of the steps after which the means of batch normalisation stay as they are
+    """
 
     seed: int = 1
     steps: int = 3000
-    batch: int = 4
+    batch: int = 2
     width: int = 512
     rate: float = 2e-3
     rank_weight: float = 2.0
     seldom_weight: float = 0.5
+    settled: float = 0.6
 
     def __post_init__(self) -> None:
         if self.steps < 1 or self.batch < 1 or self.width < 16 or self.width % 16:
@@ -67,16 +76,40 @@ def train_scores(
     net: ScoreNet = ScoreNet().to(target)
     settings = asdict(run) | {"examples": digest_of(part for example in examples for part in example)}
 
+    by_rows = _by_rows(examples)
+
     def loss_of(step: int) -> Tensor:
-        return _loss(net, _batch(examples, run, step, target), run)
+        if step >= run.settled * run.steps:
+            _settle(net)
+        rng = step_rng(run.seed, step)
+        losses = [_loss(net, _batch(examples, by_rows, run, rng, target), run) for _ in range(LAYOUTS)]
+        return torch.stack(losses).mean()
 
     train(net, loss_of, out, run, settings, target, tick, seconds)
     return net
 
 
-def _batch(examples: Sequence[Example], run: ScoreRun, step: int, device: torch.device) -> list[Tensor]:
-    rng = step_rng(run.seed, step)
-    crops = [crop(examples[int(rng.integers(len(examples)))], run.width, rng) for _ in range(run.batch)]
+def _by_rows(examples: Sequence[Example]) -> dict[int, list[int]]:
+    """Number of rows -> which examples have them."""
+    found: dict[int, list[int]] = {}
+    for k, example in enumerate(examples):
+        found.setdefault(example.label.shape[0], []).append(k)
+    return found
+
+
+def _settle(net: ScoreNet) -> None:
+    for part in net.modules():
+        if isinstance(part, torch.nn.BatchNorm2d):
+            part.eval()
+
+
+def _batch(
+    examples: Sequence[Example], by_rows: Mapping[int, Sequence[int]], run: ScoreRun, rng: np.random.Generator,
+    device: torch.device,
+) -> list[Tensor]:  # fmt: skip
+    """Crops of examples with as many rows as one that is drawn among all of them."""
+    alike = by_rows[examples[int(rng.integers(len(examples)))].label.shape[0]]
+    crops = [crop(examples[alike[int(rng.integers(len(alike)))]], run.width, rng) for _ in range(run.batch)]
     planes = [np.stack(plane) for plane in zip(*crops, strict=True)]
     dtypes = (torch.float32, torch.long, torch.float32, torch.float32)
     return [torch.from_numpy(np.ascontiguousarray(p)).to(device, d) for p, d in zip(planes, dtypes, strict=True)]

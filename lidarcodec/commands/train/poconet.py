@@ -16,6 +16,7 @@ from lidarcodec.commands.signatures.common import AsJson, Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.training import training_module
+from lidarcodec.training.annotation_folder import AnnotationFolder
 
 Drives = Annotated[
     list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives labelled by `annotate`.")
@@ -93,7 +94,8 @@ def scores(
     with progress("steps", steps) as tick:
         net = training.train_scores(examples, out, run, device, tick=lambda *_: tick(), seconds=seconds)
     if onnx is not None:
-        training_module("export_scores").export_scores(net, onnx, {"trained_on": note, "licence": licence}, force=force)
+        about = {"trained_on": note, "licence": licence} | _described(drives, out)
+        training_module("export_scores").export_scores(net, onnx, about, force=force)
     tests = {str(drive): training.measure_scores(net.eval(), [drive]) for drive in test or []}
     _tell([out, *([onnx] if onnx is not None else [])], tests, as_json)
 
@@ -106,6 +108,13 @@ def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: st
             )
     training_module("runs").limit_threads(threads)
     return training_module(module)
+
+
+def _described(drives: list[Path], out: Path) -> dict[str, str]:
+    """What the ONNX file says besides: the models of the sensors, and how long the training took."""
+    run = training_module("runs").load_checkpoint(out)
+    models = sorted({AnnotationFolder(drive).sensor.model for drive in drives})
+    return {"sensors": ", ".join(models), "steps": str(run.step), "seconds": str(round(run.seconds))}
 
 
 def _tell(outputs: list[Path], tests: dict[str, Any], as_json: bool) -> None:

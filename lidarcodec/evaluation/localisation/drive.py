@@ -80,7 +80,6 @@ def read_drive(
     """
     found = []
     with open_source(spec, calibration=calibration, poses=poses) as source:
-        source.sensor.only_hdl64e("evaluate localisation")
         end = None if frames is None else skip + frames
         for frame in islice(frames_of(source.packets(), source.sensor, framing), skip, end):
             found.append(frame)

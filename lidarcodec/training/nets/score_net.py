@@ -44,7 +44,9 @@ def _separable(channels: int, out: int) -> list[nn.Module]:
 
 
 class ScoreNet(nn.Module):
-    """(B, 5 * 8, 32, C / 4) values for the pixels of each patch, from features (B, 6, 64, C); C is a multiple of 16."""
+    """(B, 5 * 8, H / 2, C / 4) values for the pixels of each patch, from features (B, 6, H, C); H is a multiple of 8,
+    C of 16.
+    """
 
     def __init__(self, widths: tuple[int, int, int] = WIDTHS) -> None:
         super().__init__()
@@ -74,7 +76,7 @@ class ScoreNet(nn.Module):
 
 
 def in_place(values: Tensor) -> Tensor:
-    """(B, 5, 64, C) from the network's (B, 5 * 8, 32, C / 4)."""
+    """(B, 5, H, C) from the network's (B, 5 * 8, H / 2, C / 4)."""
     rows, columns = PATCH
     batch, _, height, width = values.shape
     placed = values.reshape(batch, VALUES, rows, columns, height, width).permute(0, 1, 4, 2, 5, 3)
