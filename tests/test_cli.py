@@ -80,13 +80,6 @@ def test_a_file_that_is_no_capture_is_refused_by_name(tmp_path):
     assert "holiday.pcap" in the_one_line(result)
 
 
-def test_what_a_reduction_cannot_do_for_a_sensor_is_said_by_name(data_file):
-    pytest.importorskip("onnxruntime")
-    result = run_here("bench", data_file("vlp16_sampleshort.pcap"), "--set", "reduction=poconet")
-    assert result.returncode == 2
-    assert "choose voxel-seen" in the_one_line(result)
-
-
 def test_debug_shows_the_traceback_wherever_it_stands():
     for words in (["--debug", "info", "nowhere.pcap"], ["info", "nowhere.pcap", "--debug"]):
         result = run_here(*words)

@@ -28,10 +28,6 @@ KINDS: Final = {
 """Codec -> how it codes all planes of other sensors, ranges among them. `auto` chooses among these."""
 
 
-ONLY_HDL64E: Final = ("poconet", "poconet-paper")
-"""Reductions whose network was trained on the rows of an HDL-64E and says nothing of others."""
-
-
 def takes_others(codec: str) -> bool:
     """Whether a codec takes frames of other sensors than the HDL-64E.
 
@@ -52,9 +48,6 @@ def check_other(settings: StreamSettings) -> StreamSettings:
         )
     if settings.base_error_m is not None:
         raise SettingsError("base_error_m works only with an HDL-64E: leave it out", "base_error_m")
-    if settings.reduction in ONLY_HDL64E:
-        text = f"reduction {settings.reduction} has a network that knows only the rows of an HDL-64E: choose voxel-seen"
-        raise SettingsError(text, "reduction")
     return settings
 
 

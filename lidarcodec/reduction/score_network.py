@@ -1,8 +1,8 @@
-"""ScoreNetwork: scores of each return from the bundled network, in one thread: 12 ms, and 6 ms for the image.
+"""Scores of each return from the bundled networks, in one thread: 12 ms, and 6 ms for the image.
 
-`poconet.onnx` is ScoreNet (lidarcodec/training/nets) with 0.1 M weights, trained only on simulated drives; `about`
-lists
-them. The keep mask is sent, so a decoder needs neither the network nor onnxruntime.
+`poconet.onnx` and `poconet_others.onnx` are ScoreNet (lidarcodec/training/nets) with 0.1 M weights, trained only on
+simulated drives: of an HDL-64E, and of sensors with 16 to 128 rows. `about` lists them. The keep mask is sent, so a
+decoder needs neither the networks nor onnxruntime.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from lidarcodec.planes.beam_directions import BeamBook
 from lidarcodec.reduction.score_image import score_image, unpatched
 from lidarcodec.reduction.spread import Returns
 
-WEIGHTS: Final = "poconet.onnx"
+WEIGHTS: Final = {True: "poconet.onnx", False: "poconet_others.onnx"}
+"""Of an HDL-64E, and of other sensors."""
 Floats = npt.NDArray[np.float32]
 
 
@@ -46,24 +47,24 @@ class Scores(NamedTuple):
 
 
 @cache
-def _session() -> Any:
+def _session(weights: str) -> Any:
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    data = files("lidarcodec.reduction").joinpath(WEIGHTS).read_bytes()
+    data = files("lidarcodec.reduction").joinpath(weights).read_bytes()
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
 
 def scores_of(frame: Frame, returns: Returns, book: BeamBook | None = None) -> Scores:
     """Scores of a frame's returns. book: of the stream"""
     image = score_image(frame, returns, book)
-    (patches,) = _session().run(None, {"features": image.features[None]})
+    (patches,) = _session(WEIGHTS[frame.sensor.is_hdl64e]).run(None, {"features": image.features[None]})
     values = unpatched(patches[0]).reshape(len(Scores._fields), -1)
     return Scores(*(value[image.pixel] for value in values))
 
 
-def about() -> dict[str, str]:
-    """The metadata of the weights: `trained_on`, `licence`, `steps`."""
-    return dict(_session().get_modelmeta().custom_metadata_map)
+def about(weights: str) -> dict[str, str]:
+    """The metadata of a file of weights: `trained_on`, `licence`, `steps`."""
+    return dict(_session(weights).get_modelmeta().custom_metadata_map)

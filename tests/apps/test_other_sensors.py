@@ -19,6 +19,7 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import frames_of
+from lidarcodec.reduction.table import example_of, names
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport.memory import MemoryNetwork
@@ -160,16 +161,18 @@ def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packet
 @pytest.mark.data
 def test_settings_that_such_a_sensor_cannot_have_are_refused_by_name(data_file):
     path = data_file(CAPTURES["vlp16"])
-    for words in (["codec=jpeg", "max_error_m=0.1"], ["codec=pcodec", "reduction=poconet"]):
+    for words in (["codec=jpeg", "max_error_m=0.1"], ["codec=pcodec", "base_error_m=0.1"]):
         told = run("publish", path, *(part for word in words for part in ("--set", word)))
         assert told.returncode == 2
         assert "bound" in the_one_line(told) or "HDL-64E" in the_one_line(told)
     network = MemoryNetwork()
     with open_source(path) as source, Publisher(source, transport=network.transport()) as car:
-        for reduction in ("poconet", "poconet-paper"):
-            with pytest.raises(SettingsError, match=r"only .*an HDL-64E"):
-                car.change(reduction=reduction)
+        with pytest.raises(SettingsError, match=r"only .*an HDL-64E"):
+            car.change(base_error_m=0.1)
         assert car.settings.codec == "pcodec"
+        for reduction in names():  # every reducer takes every spinning sensor
+            car.change(reduction=example_of(reduction))
+            assert car.settings.reduction == example_of(reduction)
 
 
 @pytest.mark.data

@@ -16,7 +16,7 @@ from lidarcodec import wire
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
-from lidarcodec.errors import DecodeError, SectionError, SettingsError
+from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.packet import Packet
@@ -197,18 +197,14 @@ def test_any_payloads_come_back_with_model_packets(codec: str) -> None:
     assert_exact(packets, any_packets(), codec)
 
 
-@pytest.mark.parametrize(
-    ("more", "field"),
-    [
-        ({"reduction": "poconet"}, "reduction"),
-    ],
-)
-def test_settings_that_need_an_hdl64e_are_refused_by_name(more: dict[str, object], field: str) -> None:
+@pytest.mark.parametrize("reduction", ["voxel", "poconet", "poconet-paper"])
+def test_packets_without_images_have_nothing_to_reduce_and_come_back(reduction: str) -> None:
+    if reduction != "voxel":
+        pytest.importorskip("onnxruntime", reason="the extra `poconet`")
     frame = next(iter(frames_of([Packet(bytes(10), 0)], any_packets())))
-    encoder = StreamEncoder(settings_from({"codec": "predictive", **more}), 1)
-    with pytest.raises(SettingsError, match="knows only the rows of an HDL-64E") as caught:
-        encoder.encode(frame)
-    assert caught.value.field == field
+    (message,) = StreamEncoder(settings_from({"codec": "predictive", "reduction": reduction}), 1).encode(frame)
+    (decoded,) = StreamDecoder().decode(message)
+    assert [packet.payload for packet in packets_of(decoded)] == [bytes(10)]
 
 
 def used(message: Message) -> None:

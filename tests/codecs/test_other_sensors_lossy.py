@@ -13,7 +13,7 @@ import pytest
 from lidarcodec import wire
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.other_sensors import KINDS
-from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.errors import DecodeError
 from lidarcodec.evaluation.round_trip import RoundTrip
 from lidarcodec.evaluation.verify import promise_of
 from lidarcodec.filling import filled, made_up, measured_only
@@ -157,17 +157,16 @@ def test_a_reduction_a_bound_and_few_values_go_together() -> None:
 
 
 @pytest.mark.parametrize("name", ["poconet", "poconet-paper"])
-def test_reductions_that_know_only_an_hdl64e_are_refused_in_a_sentence(name: str) -> None:
-    frame, _ = framed("vlp16")
-    try:
-        encoder = StreamEncoder(settings_from({"codec": "predictive", "reduction": name}), 1)
-    except SettingsError as error:
-        pytest.skip(str(error))
-    with pytest.raises(
-        SettingsError, match=f"reduction {name} has a network that knows only .* HDL-64E: choose voxel-seen"
-    ) as caught:
-        encoder.encode(frame)
-    assert caught.value.field == "reduction"
+@pytest.mark.parametrize("capture", [*SMALL, WIDE])
+def test_a_network_chooses_returns_of_any_number_of_rows(capture: str, name: str) -> None:
+    pytest.importorskip("onnxruntime", reason="the extra `poconet`")
+    frame, layout = framed(capture)
+    sent, _, decoded = there_and_back(frame, {"reduction": name, "keep_fraction": 0.25})
+    assert sent.keep is not None
+    assert decoded.points == int(0.25 * frame.points + 0.5)
+    before, after = all_planes(frame, layout), all_planes(decoded, layout)
+    for plane, image in before.items():
+        np.testing.assert_array_equal(after[plane], np.where(sent.keep, image, 0))
 
 
 @pytest.mark.parametrize("settings", [{"intensity": "levels=5"}, {"reduction": "lattice:4", "intensity": "error=9"}])

@@ -100,8 +100,13 @@ def test_what_ships_was_trained_on_simulated_drives_only_and_fits_into_a_megabyt
 
     from lidarcodec.reduction.score_network import WEIGHTS, about
 
-    told = about()
-    assert told["trained_on"].startswith("simulated drives")
-    assert "KITTI" not in told["trained_on"]
-    assert told["licence"]
-    assert len(files("lidarcodec.reduction").joinpath(WEIGHTS).read_bytes()) < 1_000_000
+    for weights in WEIGHTS.values():
+        told = about(weights)
+        assert told["trained_on"].startswith("simulated drives")
+        assert "KITTI" not in told["trained_on"]
+        assert told["licence"]
+        assert len(files("lidarcodec.reduction").joinpath(weights).read_bytes()) < 1_000_000
+    others = about(WEIGHTS[False])
+    assert {"vlp16", "os1-128"} < set(others["sensors"].split(", "))
+    assert int(others["steps"]) > 100
+    assert int(others["seconds"]) > 0
