@@ -7,6 +7,7 @@ import errno
 import fcntl
 import logging
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -52,7 +53,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             raise SourceError(f"cannot make {folder}: {error.strerror or error}") from None
         handle = _opened(folder)
         try:
-            _check_ours(handle, folder)
+            _check_ours(folder)
             _take(handle, folder, time.monotonic())
             if not _is_at(handle, folder):  # who held it has removed it
                 continue
@@ -66,11 +67,15 @@ def alone_in(folder: Path) -> Iterator[None]:
         return
 
 
-def _check_ours(handle: int, folder: Path) -> None:
+def _check_ours(folder: Path) -> None:
     """Raise SourceError if it is a link, or another user made it: who did may put links into it, and what is read from
-    it decides which files are removed."""
-    owner = os.fstat(handle).st_uid
-    if folder.is_symlink() or (owner != os.geteuid() and owner != _owner_in(folder.parent)):
+    it decides which files are removed. A folder that took its place meanwhile is looked at again."""
+    try:
+        here = folder.lstat()  # what is a folder of ours now cannot be exchanged by others
+    except OSError:  # who held it has removed it
+        return
+    ours = here.st_uid == os.geteuid() or here.st_uid == _owner_in(folder.parent)
+    if not stat.S_ISDIR(here.st_mode) or not ours:
         raise SourceError(f"{folder} is a link, or belongs to another user: remove it, or take another output")
 
 
