@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from lidarcodec.commands.outputs.base import NARROW
 from lidarcodec.commands.outputs.ply import PlyOutput
+from lidarcodec.commands.outputs.table import FORMS
 from lidarcodec.commands.selection.points import Placing
 from lidarcodec.errors import SettingsError
 from tests.apps.past.kept_drive import frames
@@ -86,3 +88,19 @@ def test_merged_points_are_refused_where_poses_jump_to_another_place(tmp_path: P
     with pytest.raises(SettingsError, match=r"0\.5 m apart there: write \.las"):
         output.write(frame, placing.points(frame.with_(pose=away)))
     output.close()
+
+
+@pytest.mark.parametrize("ending", ["e57", "laz"])
+def test_a_full_disk_is_an_error_of_the_disk_whatever_the_library_calls_it(tmp_path: Path, ending: str) -> None:
+    """`unexpected E57Exception`, and `unexpected LazrsError`."""
+    pytest.importorskip({"e57": "pye57", "laz": "lazrs"}[ending])
+    (frame,) = frames(1)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"write\(\) failed|Failed to call write|File too large"):  # noqa: PT012
+            output = FORMS[ending].open(tmp_path / f"full.{ending}")
+            output.write(frame, frame.cloud())
+            output.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)

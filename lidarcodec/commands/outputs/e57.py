@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -35,7 +37,24 @@ class E57Output:
         data["intensity"] = cloud["intensity"].astype(np.float32)
         data["rowIndex"] = cloud["ring"].astype(np.int32)
         data["columnIndex"] = np.zeros(len(cloud), np.int32)
-        self._file.write_scan_raw(data, name=f"frame {frame.index}", translation=begin)
+        with self._failing():
+            self._file.write_scan_raw(data, name=f"frame {frame.index}", translation=begin)
 
     def close(self) -> None:
-        self._file.close()
+        with self._failing():
+            self._file.close()
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Raises OSError where the library says in its own words that it cannot write."""
+        import pye57
+
+        try:
+            yield
+        except pye57.libe57.E57Exception as error:
+            self._file.close = _nothing  # it would try once more when it is let go
+            raise OSError(str(error).strip().splitlines()[0]) from None
+
+
+def _nothing() -> None:
+    """Closes nothing."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -45,6 +47,17 @@ def returns_of_beams(cloud: Cloud, number: npt.NDArray[np.uint8]) -> npt.NDArray
     beams = (cloud["t_ns"] - cloud["t_ns"].min(initial=np.iinfo(np.int64).max)) * 256 + cloud["laser"]
     twice: npt.NDArray[np.bool_] = np.isin(beams, beams[number == 2])
     return np.where(twice, 2, 1).astype(np.uint8)
+
+
+@contextmanager
+def _failing() -> Iterator[None]:
+    """Raises OSError where the library that compresses says in its own words that it cannot write."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ != "LazrsError":  # the library may not be installed
+            raise
+        raise OSError(str(error)) from None
 
 
 class LasOutput:
@@ -94,10 +107,12 @@ class LasOutput:
         points.gps_time = gps_seconds(cloud["t_ns"])
         number = cloud[RETURN_NUMBER] if RETURN_NUMBER in (cloud.dtype.names or ()) else np.ones(len(cloud), np.uint8)
         points.return_number, points.number_of_returns = number, returns_of_beams(cloud, number)
-        writer.write_points(points)
+        with _failing():
+            writer.write_points(points)
 
     def close(self) -> None:
-        self._writer(NO_CLOUD).close()
+        with _failing():
+            self._writer(NO_CLOUD).close()
 
 
 class LazOutput(LasOutput):
