@@ -129,6 +129,11 @@ class SensorModel:
         if not self.is_hdl64e:
             raise SettingsError(f"{what} works only with an HDL-64E, but this source is a {self.name}")
 
+    def no_cloud(self, what: str) -> None:
+        """Raise SettingsError if it sends point clouds. what: that takes only packets, such as `annotate`"""
+        if self.is_cloud:
+            raise SettingsError(f"{what} takes packets of a spinning sensor, but this source has point clouds")
+
     @cached_property
     def laser_of_ring(self) -> npt.NDArray[np.intp]:
         """(H,) hardware laser id of each row; row 0 looks highest (ties keep the order of the ids)."""

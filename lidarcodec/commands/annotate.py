@@ -41,8 +41,7 @@ def run(
     with open_source(spec, calibration=calibration, poses=poses) as source:
         if source.live:
             raise SettingsError(f"{spec} is live and has no end: record it first, then annotate the recording")
-        if source.sensor.is_cloud:
-            raise SettingsError(f"{spec} is a stream of point clouds: annotate takes packets of a spinning sensor")
+        source.sensor.no_cloud("annotate")
         settings = AnnotationSettings(source=what, made_of=identity(source, spec), **given)
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses

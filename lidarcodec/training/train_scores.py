@@ -29,6 +29,8 @@ from lidarcodec.training.steps import train
 
 CLASS_WEIGHTS: Final = (1.0, 2.0, 0.7)
 LAYOUTS: Final = 2
+FEWEST_UNSETTLED: Final = 100
+"""Steps that the means of batch normalisation need before they are right."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def train_scores(
     by_rows = _by_rows(examples)
 
     def loss_of(step: int) -> Tensor:
-        if step >= run.settled * run.steps:
+        if step >= max(run.settled * run.steps, FEWEST_UNSETTLED):
             _settle(net)
         rng = step_rng(run.seed, step)
         losses = [_loss(net, _batch(examples, by_rows, run, rng, target), run) for _ in range(LAYOUTS)]

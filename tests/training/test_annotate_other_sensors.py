@@ -95,6 +95,7 @@ def test_localisation_is_measured_on_such_a_drive_and_a_point_cloud_is_not_annot
     read = read_drive("sim:street?seed=4&sensor=vlp16&frames=3")
     assert len(read.cloud(0, np.zeros(6))) > 5000
     bag = bag1(tmp_path / "clouds.bag", [ros1(message(velodyne(60)))[len(ROS1) :]])
-    refused = run_here("annotate", str(bag), "--out", str(tmp_path / "labels"))
-    assert refused.returncode != 0
-    assert "is a stream of point clouds: annotate takes packets of a spinning sensor" in the_one_line(refused)
+    for words in (["annotate", str(bag), "--out", str(tmp_path / "labels")], ["evaluate", "localisation", str(bag)]):
+        refused = run_here(*words)
+        assert refused.returncode != 0
+        assert "takes packets of a spinning sensor, but this source has point clouds" in the_one_line(refused)

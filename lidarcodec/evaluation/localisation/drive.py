@@ -80,6 +80,7 @@ def read_drive(
     """
     found = []
     with open_source(spec, calibration=calibration, poses=poses) as source:
+        source.sensor.no_cloud("evaluate localisation")
         end = None if frames is None else skip + frames
         for frame in islice(frames_of(source.packets(), source.sensor, framing), skip, end):
             found.append(frame)
