@@ -1,10 +1,13 @@
 /** Frames as Foxglove's messages. A point has 14 bytes: x y z float32 in metres (x forward, y left, z up), intensity and ring
- * uint8, ring 0 the highest beam. */
+ * uint8, ring 0 the highest beam. One of a driver's point cloud has x y z float32, and the other fields of its message. */
 
 import { type FrameTransform, NumericType, type PackedElementField, type PointCloud, type Time } from "@foxglove/schemas";
 import { pointOf } from "../../web/src/view/measure/point.js";
+import { damaged } from "../../typescript/src/errors.js";
+import { bytesOf, FieldType, MOST_BYTES } from "../../typescript/src/clouds/message.js";
+import { cloudPointsOf } from "../../typescript/src/clouds/points.js";
 import type { Vector } from "../../web/src/view/matrix.js";
-import type { Decoded } from "./stream.js";
+import type { Decoded, DecodedFrame } from "./stream.js";
 
 const STRIDE = 14;
 const FIELDS: PackedElementField[] = [
@@ -16,8 +19,50 @@ const FIELDS: PackedElementField[] = [
 ];
 const IDENTITY = { position: { x: 0, y: 0, z: 0 }, orientation: { x: 0, y: 0, z: 0, w: 1 } };
 
-/** The points of all returns, column by column. */
-export function pointCloud({ frame, table }: Decoded, timestamp: Time, frame_id: string): PointCloud {
+/** The points of all returns, column by column; of a point cloud in the order of its message. */
+export function pointCloud(decoded: Decoded, timestamp: Time, frame_id: string): PointCloud {
+  const points = "payload" in decoded ? pointsOfCloud(decoded.payload) : pointsOfFrame(decoded);
+  return { timestamp, frame_id, pose: IDENTITY, ...points };
+}
+
+type Packed = Pick<PointCloud, "point_stride" | "fields" | "data">;
+
+/** Types of fields by the numbers of sensor_msgs/PointField. */
+const NUMERIC: Readonly<Record<number, NumericType>> = {
+  [FieldType.int8]: NumericType.INT8,
+  [FieldType.uint8]: NumericType.UINT8,
+  [FieldType.int16]: NumericType.INT16,
+  [FieldType.uint16]: NumericType.UINT16,
+  [FieldType.int32]: NumericType.INT32,
+  [FieldType.uint32]: NumericType.UINT32,
+  [FieldType.float32]: NumericType.FLOAT32,
+  [FieldType.float64]: NumericType.FLOAT64,
+};
+
+/** Points with a return, and all their fields of one value. */
+function pointsOfCloud(payload: Uint8Array): Packed {
+  const { count, xyz, names, type, values } = cloudPointsOf(payload);
+  const fields = FIELDS.slice(0, 3);
+  let stride = 12;
+  for (const name of names.filter((one) => !["x", "y", "z"].includes(one))) {
+    fields.push({ name, offset: stride, type: NUMERIC[type(name)]! });
+    stride += bytesOf(type(name));
+  }
+  if (stride * count > MOST_BYTES) throw damaged("a point cloud whose fields lie over each other");
+  const data = new Uint8Array(stride * count);
+  const view = new DataView(data.buffer);
+  for (let i = 0; i < count; i++)
+    for (let axis = 0; axis < 3; axis++) view.setFloat32(i * stride + 4 * axis, xyz[3 * i + axis]!, true);
+  for (const { name, offset } of fields.slice(3)) {
+    const column = values(name);
+    const [bytes, width] = [new Uint8Array(column.buffer, column.byteOffset, column.byteLength), column.BYTES_PER_ELEMENT];
+    for (let i = 0; i < count; i++)
+      for (let byte = 0; byte < width; byte++) data[i * stride + offset + byte] = bytes[i * width + byte]!;
+  }
+  return { point_stride: stride, fields, data };
+}
+
+function pointsOfFrame({ frame, table }: DecodedFrame): Packed {
   const data = new Uint8Array(STRIDE * (frame?.returns ?? 0));
   const view = new DataView(data.buffer);
   const point: Vector = [0, 0, 0];
@@ -32,7 +77,7 @@ export function pointCloud({ frame, table }: Decoded, timestamp: Time, frame_id:
       data[at + 13] = ring;
       at += STRIDE;
     }
-  return { timestamp, frame_id, pose: IDENTITY, point_stride: STRIDE, fields: FIELDS, data };
+  return { point_stride: STRIDE, fields: FIELDS, data };
 }
 
 /** rows: the first three rows of T_parent_child, row after row. */

@@ -6,16 +6,26 @@
 import { DecodeError } from "../../typescript/src/errors.js";
 import { Referable } from "../../typescript/src/history.js";
 import { Codec, type Message, Section } from "../../typescript/src/message.js";
+import { type DescribedSensor, readDescribed } from "../../typescript/src/other/calibration.js";
+import { readCloudFrame } from "../../typescript/src/other/frame.js";
+import { SensorBook } from "../../typescript/src/sensor.js";
 import { sha256 } from "../../typescript/src/sha256.js";
 import { factsOf, factsOfRings, packImage, type SensorFacts } from "../../web/src/decode/worker/image.js";
 import { NativeStream } from "../../web/src/decode/worker/native.js";
 import { parseFrame, type RangeFrame } from "../../web/src/view/stream/frame.js";
 import { type SensorTable, sensorTable } from "../../web/src/view/stream/sensor.js";
 
-export interface Decoded {
+export type Decoded = DecodedFrame | DecodedCloud;
+
+export interface DecodedFrame {
   /** Null for a frame without columns. */
   readonly frame: RangeFrame | null;
   readonly table: SensorTable;
+}
+
+/** A point cloud that came from a driver, as its message. */
+export interface DecodedCloud {
+  readonly payload: Uint8Array;
 }
 
 /** Names of all codecs, by number (docs/wire-format.md). */
@@ -67,6 +77,8 @@ export class CodedStream {
   #calibration: Uint8Array | null = null;
   #sensor: { readonly facts: SensorFacts; readonly table: SensorTable; readonly fitted: boolean } | null = null;
 
+  #clouds = new SensorBook<DescribedSensor>([3], readDescribed);
+
   constructor(core: Core) {
     this.#core = core;
   }
@@ -96,6 +108,7 @@ export class CodedStream {
       if (this.#of !== of) {
         this.#forget();
         this.#calibration = this.#sensor = null;
+        this.#clouds = new SensorBook<DescribedSensor>([3], readDescribed);
         this.#of = of;
       }
       this.#referable.of(message); // asked first: an error of the module ends it
@@ -119,6 +132,10 @@ export class CodedStream {
 
   #push(message: Message, data: Uint8Array): Decoded {
     const native = this.#begun();
+    if (message.section(Section.CLOUD)) {
+      const readPlanes = (section: Uint8Array, columns: number) => native.planes(section, columns);
+      return { payload: readCloudFrame(message, this.#clouds, readPlanes).cloud.payload };
+    }
     for (let name = native.missingWeights(data); name !== ""; name = native.missingWeights(data))
       native.giveWeights(this.#core.weights(name));
     native.push(data);

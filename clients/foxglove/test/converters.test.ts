@@ -5,7 +5,7 @@ import { test } from "node:test";
 import { LogLevel, NumericType, type PointCloud } from "@foxglove/schemas";
 import { crc32c } from "../../typescript/src/crc32c.js";
 import { numbers } from "../../typescript/test/numbers.js";
-import { type Expected, otherVectors, type Vector, vectors } from "../../typescript/test/vectors.js";
+import { cloudVectors, type Expected, otherVectors, type Vector, vectors } from "../../typescript/test/vectors.js";
 import { quaternionOf } from "../src/cloud.js";
 import { type Converted, coded, loaded } from "./extension.js";
 
@@ -48,6 +48,23 @@ for (const { name, messages, expected } of otherVectors(DECODED).filter(({ name 
     messages.forEach((message, i) => {
       const found = ONE.cloud(coded(message), name);
       assert.equal(found?.data.length, expected[i]!.returns * 14);
+    });
+  });
+
+for (const { name, messages, expected } of cloudVectors(/./).filter(({ name }) => WANTED.test(`cloud_${name}`)))
+  test(`point clouds of ${name} have all returns and fields`, () => {
+    messages.forEach((message, i) => {
+      const found = ONE.cloud(coded(message), `/clouds/${name}`)!;
+      const { returns, points, fields } = expected[i]!;
+      assert.equal(found.data.length, returns * found.point_stride);
+      const shown = returns ? [0, returns >> 1, returns - 1] : [];
+      const view = new DataView(found.data.buffer);
+      shown.forEach((at, place) => {
+        const xyz = [0, 4, 8].map((offset) => view.getFloat32(at * found.point_stride + offset, true));
+        assert.deepEqual(xyz, points[place]);
+      });
+      const single = new Set(fields.filter(([, , count]) => count === 1).map(([field]) => field));
+      assert.deepEqual(new Set(found.fields.map((field) => field.name)), fields.length ? single : new Set(["x", "y", "z"]));
     });
   });
 

@@ -12,6 +12,8 @@ export interface CloudPoints {
   readonly place: Uint32Array;
   /** Names of the fields of one value, x, y and z too, each once. */
   readonly names: readonly string[];
+  /** The FieldType of such a field. Throws RangeError for another name. */
+  type(name: string): number;
   /** The values of such a field as the message has them, of each point. Throws RangeError for another name. */
   values(name: string): Values;
 }
@@ -26,7 +28,7 @@ export function cloudReturns(payload: Uint8Array): number {
 export function cloudPointsOf(payload: Uint8Array): CloudPoints {
   const message = CloudMessage.of(payload);
   const found = returned(message);
-  if (!message || !found) return { count: 0, xyz: new Float32Array(), place: new Uint32Array(), names: [], values: noField };
+  if (!message || !found) return { count: 0, xyz: new Float32Array(), place: new Uint32Array(), names: [], type: noField, values: noField };
   const { place, axes } = found;
   const xyz = new Float32Array(3 * place.length);
   axes.forEach((values, axis) => {
@@ -34,15 +36,14 @@ export function cloudPointsOf(payload: Uint8Array): CloudPoints {
   });
   const { head } = message;
   const names = [...new Set(head.fields.filter(({ count }) => count === 1).map(({ name }) => name))];
+  const type = (name: string): number => namedField(head, name)?.type ?? noField(name);
   const values = (name: string): Values => {
-    const field = namedField(head, name);
-    if (!field) return noField(name);
-    const all = message.values(field);
+    const all = message.values(namedField(head, name) ?? noField(name));
     const chosen = all.slice(0, place.length);
     for (let i = 0; i < place.length; i++) chosen[i] = all[place[i]!]!;
     return chosen;
   };
-  return { count: place.length, xyz, place, names, values };
+  return { count: place.length, xyz, place, names, type, values };
 }
 
 function noField(name: string): never {
