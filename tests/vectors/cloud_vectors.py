@@ -37,6 +37,11 @@ STREAMS: dict[str, dict[str, Any]] = {
 def payloads() -> list[bytes]:
     """Clouds that differ in their fields, order and form, and what is none."""
     turn = velodyne(60)
+    rng = np.random.default_rng(6)
+    angle, up = rng.uniform(-np.pi, np.pi, 200), rng.uniform(-0.17, 0.17, 200)
+    anywhere = np.zeros(200, [(axis, "<f4") for axis in "xyz"])
+    for axis, part in zip("xyz", (np.cos(angle) * np.cos(up), np.sin(angle) * np.cos(up), np.sin(up)), strict=True):
+        anywhere[axis] = 8.0 * part
     return [
         message(turn),
         message(ouster(64), 16),
@@ -47,6 +52,7 @@ def payloads() -> list[bytes]:
         several(),
         with_nan(),
         message(np.random.default_rng(4).permutation(turn)),
+        message(anywhere),
         message(turn[:0]),
         message(turn[:1]),
         np.random.default_rng(5).bytes(300),

@@ -9,7 +9,7 @@ import { CloudMessage, namedField, type Values } from "../../../../typescript/sr
 import { returned } from "../../../../typescript/src/clouds/points.js";
 import type { Cloud } from "../../../../typescript/src/clouds/section.js";
 import type { DescribedSensor } from "../../../../typescript/src/other/calibration.js";
-import { cellsOfPoints } from "./grid.js";
+import { cellsByAngles, cellsOfPoints } from "./grid.js";
 import type { Rings } from "./native.js";
 
 const FARTHEST_M = 1048;
@@ -92,8 +92,8 @@ export function cloudImage(cloud: Cloud, rows: number): CloudImage {
   let chosen = near(found.axes, found.place);
   if (chosen.length === 0) return empty(rows, found.place.length);
   let points = pointsAt(found.axes, chosen);
-  const cells = cellsOf(cloud, message, found.place, found.axes);
-  let drawn = cells && ofMessage(cells, message, found.place, found.axes, chosen, points, rows);
+  const cells = cellsOf(cloud, message, found.place, found.axes, rows);
+  let drawn = ofMessage(cells, message, found.place, found.axes, chosen, points, rows);
   if (!drawn) {
     const made = ofDirections(points);
     const is = (i: number) => off(made, points, i) <= CLOSE_M + CLOSE * points.range[i];
@@ -173,16 +173,27 @@ function radians(hundredths: number): number {
   return (hundredths * 0.01 * Math.PI) / 180;
 }
 
-/** The cells that the points were sent in, else those of an organised message, else those by their order; or null. */
-function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, [x, y, z]: Three): Cells | null {
-  if (cloud.cells) return cloud.cells;
+/** Cells of points. rising: whether higher rows look higher. */
+interface InOrder {
+  readonly cells: Cells;
+  readonly rising: boolean;
+}
+
+/** The cells that the points were sent in, else those of an organised message, those by their order, or by their angles. */
+function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, axes: Three, rows: number): InOrder {
+  if (cloud.cells) return { cells: cloud.cells, rising: rises(cloud.cells, place, axes) };
+  const [x, y, z] = axes;
   const { points } = message;
   const { height, width } = message.head;
   if (height < 2 || height > MOST_ROWS || width > MOST_MESSAGE_COLUMNS || points > MOST_CELLS) {
     const returned = new Uint8Array(points);
     for (const at of place) returned[at] = 1;
     const of = (values: Values) => floats(points, (at) => (returned[at] ? values[at] : 0));
-    return cellsOfPoints(message, { x: of(x), y: of(y), z: of(z), returned });
+    const all = { x: of(x), y: of(y), z: of(z), returned };
+    const ordered = cellsOfPoints(message, all);
+    return ordered
+      ? { cells: ordered, rising: rises(ordered, place, axes) }
+      : { cells: cellsByAngles(all, rows), rising: false };
   }
   const [row, column] = [new Uint8Array(points), new Uint16Array(points)];
   for (let r = 0, i = 0; r < height; r++)
@@ -190,13 +201,14 @@ function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, [x, y,
       row[i] = r;
       column[i] = c;
     }
-  return { rows: height, columns: width, row, column };
+  const cells = { rows: height, columns: width, row, column };
+  return { cells, rising: rises(cells, place, axes) };
 }
 
 /** Cells as rows and columns, the highest row first; null if a point would be drawn elsewhere, or they are not those of a whole
  * turn, which viewers would put together of several frames. */
 function ofMessage(
-  cells: Cells,
+  { cells, rising }: InOrder,
   { points: count }: CloudMessage,
   all: Uint32Array,
   axes: Three,
@@ -205,12 +217,11 @@ function ofMessage(
   rows: number,
 ): Drawn | null {
   if (cells.columns > MOST_COLUMNS || count !== cells.row.length) return null;
-  const rising = rises(cells, all, axes);
   const rowOf = (at: number) => (rising ? cells.rows - 1 - cells.row[at] : cells.row[at]);
   const row = ints(chosen.length, (i) => rowOf(chosen[i]));
-  if (row.some((one) => one >= rows)) return null;
   const column = ints(chosen.length, (i) => cells.column[chosen[i]]);
-  const shown = all.filter((at) => rowOf(at) < rows);
+  if (row.some((one) => one >= rows) || column.some((one) => one >= cells.columns)) return null;
+  const shown = all.filter((at) => rowOf(at) < rows && cells.column[at] < cells.columns);
   const azimuth = columnAzimuths(cells, shown, axes);
   if (!isTurn(azimuth)) return null;
   const [cosine, sine, up, there] = [0, 1, 2, 3].map(() => new Float64Array(rows)) as [

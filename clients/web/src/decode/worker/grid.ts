@@ -11,6 +11,8 @@ const MOST_COLUMNS = 24_576;
 const MOST_CELLS = 1 << 20;
 const [CELLS_PER_POINT, FEW_CELLS, OF_EACH_RING] = [8, 4096, 256];
 const TURN = 2 * Math.PI;
+/** Of a turn, for points in no order. */
+const COLUMNS = 2048;
 const [BETWEEN_LINES, FEW_LINES] = [0.0007, 4];
 const [LEAST_STEP, MOST_STEP, LEAST_JUMP] = [1e-5, 0.2, 1e-4];
 
@@ -20,6 +22,38 @@ export interface Axes {
   readonly y: Float64Array;
   readonly z: Float64Array;
   readonly returned: Uint8Array;
+}
+
+/** Points in no order: rows by elevation, the highest first, columns by azimuth; points of one cell beside each other. Columns
+ * beyond those of the cells are not shown. In Python lidarcodec/sensors/clouds/view.py. */
+export function cellsByAngles({ x, y, z, returned }: Axes, rows: number): Cells {
+  const points = x.length;
+  const up = x.map((value, i) => Math.atan2(z[i], Math.sqrt(value * value + y[i] * y[i])));
+  let [top, bottom] = [Number.NEGATIVE_INFINITY, Number.POSITIVE_INFINITY];
+  for (let i = 0; i < points; i++) {
+    if (!returned[i]) continue;
+    top = Math.max(top, up[i]);
+    bottom = Math.min(bottom, up[i]);
+  }
+  const span = Math.max(top - bottom, 1e-6);
+  const row = new Uint8Array(points);
+  const bins = new Int32Array(points);
+  for (let i = 0; i < points; i++) {
+    row[i] = Math.min(Math.max(Math.trunc(((top - up[i]) / span) * rows), 0), rows - 1);
+    const turned = Math.atan2(-y[i], x[i]) / TURN;
+    bins[i] = Math.floor((turned - Math.floor(turned)) * COLUMNS);
+  }
+  const order = new Uint32Array(points).map((_, i) => i).sort((a, b) => row[a] - row[b] || bins[a] - bins[b] || a - b);
+  const columns = new Int32Array(points);
+  let [most, next, last] = [0, 0, -1];
+  for (const i of order) {
+    columns[i] = row[i] === last ? Math.max(bins[i], next) : bins[i];
+    most = Math.max(most, columns[i]);
+    next = columns[i] + 1;
+    last = row[i];
+  }
+  const width = Math.min(most + 1, MOST_COLUMNS, Math.floor(MOST_CELLS / rows));
+  return { rows, columns: width, row, column: Uint16Array.from(columns, (at) => Math.min(at, width)) };
 }
 
 /** Rows of points, not yet in columns. */
