@@ -61,12 +61,13 @@ SETTLING: Final = 3
 """Number of first measurements of a new path that are used without smoothing if they are higher; the first one also if
 it is lower."""
 STUCK_S: Final = 0.15
-"""A message that was lost is known as lost earlier, by the report of the next one."""
+"""If a message has not arrived after so long, the next frames are made smaller. A lost one is usually known as lost
+before, by the report of the next."""
 AFTER_STALL: Final = 6
 FASTER: Final = 2.0
-"""So many measurements after a stall are used without smoothing if they are higher: the path may be as fast as ever.
-But the capacity grows by at most this factor with each, for a token bucket may have filled meanwhile. The message that
-stood still says nothing."""
+"""After a stall, `AFTER_STALL` measurements are used without smoothing if they are higher: the path may be as fast as
+ever. But the capacity grows at most by the factor `FASTER` with each, for a token bucket may have filled meanwhile. The
+first one never lowers it, because its message may have stood still, too."""
 MIN_SEND_S: Final = 0.01
 """Messages are combined until they have kept the path busy for so long. Shorter times would measure only jitter."""
 NOISE_S: Final = 0.003
@@ -152,8 +153,8 @@ def elsewhere(state: PathState) -> PathState:
 
 
 def target_kbps(state: PathState) -> float:
-    """The target: a share of the capacity, or less if key frames are so large that they would be late; no more than
-    the path carries for long."""
+    """The target: a share of the capacity, or less if key frames are so large that they would be late. It stays below
+    what the path carries for long."""
     if state.capacity_bps is None:
         return START_KBPS
     bps = min(_share(state) * state.capacity_bps, USED * state.sustained.bps)
@@ -161,10 +162,10 @@ def target_kbps(state: PathState) -> float:
 
 
 def while_waiting(target: float, waited_for: tuple[int, float] | None) -> float:
-    """The target of the next frame in kbit/s, if a message before it has not arrived: the path carries less than that
-    message in the time since. The next frames are then small before anything is measured, and do not add to a queue.
+    """The target of the next frame in kbit/s while an earlier message is under way: the path has carried less than that
+    message in the time since. So frames become small before anything is measured, and do not add to a queue.
 
-    waited_for: bytes of the oldest message that has not arrived, and seconds since it was sent; None if there is none
+    waited_for: bytes of the oldest message under way, and seconds since it was sent; None if there is none
     """
     if waited_for is None or waited_for[1] < STUCK_S:
         return target
@@ -172,7 +173,7 @@ def while_waiting(target: float, waited_for: tuple[int, float] | None) -> float:
 
 
 def sustained_kbps(state: PathState) -> float | None:
-    """The limit that a token bucket showed; None where no limit is known."""
+    """What the path carries for long, in kbit/s; None if nothing shows a token bucket."""
     return None if math.isinf(state.sustained.bps) else state.sustained.bps / 1e3
 
 

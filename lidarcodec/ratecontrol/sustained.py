@@ -1,15 +1,15 @@
 """What a path carries for long, where a token bucket lets more through at once. Pure: no clock, no sockets.
 
-Mobile networks and `tc tbf` save up unused rate in a bucket, and let so many bits pass at once. A message that fits
-into the bucket looks many times as fast as the path is. A rate that follows single messages rises until the bucket is
-empty, falls too far when messages are late, and rises again.
+Mobile networks and `tc tbf` save up unused rate in a bucket, and let that many bits pass at once. A message that fits
+into the bucket makes the path look many times as fast as it is. A rate that follows single messages rises until the
+bucket is empty, falls too far when messages are late, and rises again.
 
 Messages that empty the bucket tell the rate: between the arrivals of two of them, the path carried the bits of the
-second, whatever the bucket holds. The target stays below this rate. Then the bucket stays full, and messages arrive at
-once. Only a higher rate can show that the path has become faster, so after a while the limit rises.
+second, whatever the size of the bucket. The target stays below this rate. Then the bucket stays full, and messages
+arrive at once. Only a higher rate can show that the path has become faster, so after a while the limit rises.
 
 >>> state = UNLIMITED
->>> for bits, send_s in ((2e5, 0.12), (1e5, 0.1), (1e5, 0.1)):  # the first had some of its bits from the bucket
+>>> for bits, send_s in ((2e5, 0.12), (1e5, 0.1), (1e5, 0.1)):  # some bits of the first came from the bucket
 ...     state = after(state, bits, send_s, since_s=0.1, capacity_bps=3e6)
 >>> round(state.known_bps)
 1000000
@@ -22,55 +22,63 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 USED: Final = 0.85
-"""Used share of the sustained rate. The rest fills the bucket again."""
+"""Used share of the limit. The rest fills the bucket again."""
 LATE_S: Final = 0.06
 LATE: Final = 1.4
-"""A message is late if it takes so long, and so many times what the capacity lets expect."""
+"""A message is late if it takes at least `LATE_S`, and `LATE` times as long as the capacity lets expect."""
 BUSY: Final = 0.5
-"""A message after a late one also found the bucket empty if the path was busy for this share of the time since."""
+"""A message after a late one is late, too, if it kept the path busy for this share of the time since that arrived."""
 RUN_S: Final = 0.15
-"""Shortest time over which the rate is measured."""
+"""Shortest time over which the rate is measured, from the first late message on."""
 STOOD: Final = 4.0
-"""A message after a late one that takes so many times what the capacity lets expect tells no rate: packets were lost,
-and sent again."""
+"""A late message that takes more than so many times as long as the capacity lets expect tells no rate: probably packets
+were lost, and sent again. The measurement begins anew with it."""
 HOLD_S: Final = 2.5
-"""Time for which the limit stays. Each rise that is too much makes a frame or two late."""
+"""Time for which the limit stays before it rises. Each rise that is too much makes a frame or two late."""
 GENTLE: Final = (1.5, 1.6)
 FAST: Final = (8.0, 2.5)
-"""Then the limit rises by the first factor a second, to the second times the rate that is known. If the bucket would be
-empty by then and no message was late, the path is as fast as that, and the limit rises on from there, faster."""
+"""How the limit rises: the factor each second, and up to how many times the known rate. It rises gently until more bits
+were sent than the bucket can hold. If no message was late until then, the path is as fast as the limit: that becomes
+the known rate, and the limit rises fast."""
 BUCKET_BITS: Final = 1.6e5
+"""Smallest assumed size of the bucket. Messages that become late while the limit rises tell a larger one."""
 BUCKET: Final = 1.3
+"""The bucket may hold so many times what it is known to hold."""
 LARGEST_S: Final = 1.0
-"""What the bucket holds at least, as far as anybody knows, how many times what it held last time it may hold, and for
-how long the path needs to fill it at most."""
+"""Longest time that the path needs to fill the bucket."""
 EASE: Final = 0.8
-"""Factor on the limit at a single late message while it rises. The usual cause is a busy receiver, so the limit rises
-on if the next message is in time."""
+"""Factor on the limit at a first late message while the limit rises. The usual cause is a busy receiver, so the limit
+rises on if the next message is in time."""
 LONG_S: Final = 0.2
 SHORT_HOLD_S: Final = 0.5
-"""A first late message that took longer tells the rate well enough to begin with, for a short time."""
+"""While there is no limit, a first late message that took at least `LONG_S` gives one, which stays for
+`SHORT_HOLD_S`."""
 PLAIN_S: Final = 0.04
 PLAIN: Final = 8
-"""After so many messages that all took so long, and as long as expected, there is no bucket: it would have filled."""
+"""After `PLAIN` consecutive messages that were not late, but took at least `PLAIN_S`, there is no bucket: it would have
+filled, and let one pass at once."""
 SMALLER: Final = 0.7
+"""Two messages tell a delay and a rate if the second has at most this share of the bits of the first."""
 IN_VAIN: Final = 0.5
-"""If at least this share of a message's time does not depend on its size, smaller messages do not help."""
+"""If more than this share of a message's time does not depend on its size, smaller messages do not help."""
 MATTERS: Final = 4.0
-"""A limit so many times above what the capacity allows is forgotten."""
+"""A limit that allows more than so many times what the capacity allows is forgotten."""
 LONGEST_S: Final = 1.0
+"""Longer times between two arrivals count as this."""
 
 
 @dataclass(frozen=True)
 class Sustained:
     """What is known of the sustained rate.
 
-    bps: the limit in bits per second, infinite while no message was late; known_bps: the rate that the path carries
-    hold_s: remaining time before the limit rises; rises: whether it does; faster: whether the path became faster
-    more_bits: bits sent meanwhile above the known rate; bucket_bits: what they were when messages became late
-    plain: number of the last messages that took as long as expected, and not next to nothing
-    late: whether the last message found the bucket empty
-    bits, seconds: sums since the first of consecutive late ones
+    bps: the limit in bits per second, infinite if there is none; known_bps: the rate that the path is known to carry
+    hold_s: remaining time before the limit rises; rises: whether it does; faster: whether the path was found to be
+    faster since
+    more_bits: bits sent above the known rate while the limit rises; bucket_bits: what they were when messages became
+    late
+    plain: number of the last messages in a row that were not late, but took at least `PLAIN_S`
+    late: whether the last message was late
+    bits, seconds: sums of consecutive late messages, without the first
     slowest: bits of the slowest of these, and the seconds for which it kept the path busy
     """
 
@@ -89,7 +97,7 @@ class Sustained:
 
 
 UNLIMITED: Final = Sustained()
-"""While no message was late."""
+"""Without a limit: nothing shows a bucket."""
 
 
 def after(state: Sustained, bits: float, send_s: float, since_s: float, capacity_bps: float | None) -> Sustained:
@@ -108,7 +116,7 @@ def after(state: Sustained, bits: float, send_s: float, since_s: float, capacity
         return _rising(replace(interrupted(state), plain=plain), bits, since_s)
     if state.late and rate_of_two(state.slowest, (bits, send_s)) is not None:
         return UNLIMITED
-    if not state.late or send_s > STOOD * expected_s:  # the first one has some of its bits from the bucket
+    if not state.late or send_s > STOOD * expected_s:  # some bits of the first one came from the bucket
         return _first(state, bits, send_s, since_s)
     slowest = (bits, send_s) if send_s > state.slowest[1] else state.slowest
     state = replace(state, bits=state.bits + bits, seconds=state.seconds + since_s, slowest=slowest)
@@ -116,7 +124,7 @@ def after(state: Sustained, bits: float, send_s: float, since_s: float, capacity
 
 
 def interrupted(state: Sustained) -> Sustained:
-    """The state without what consecutive late messages told."""
+    """The state with a row of messages cut off: what the last late ones told is dropped, the limit stays."""
     return replace(state, plain=0, late=False, bits=0.0, seconds=0.0, slowest=(0.0, 0.0))
 
 
@@ -124,7 +132,7 @@ def rate_of_two(slowest: tuple[float, float], smaller: tuple[float, float]) -> f
     """The rate in bits per second, if messages became smaller but hardly faster: the round trip has grown, and fewer
     bits would not help. None otherwise.
 
-    Two messages of different size determine a delay and a rate. slowest, smaller: bits and seconds
+    Two messages of different size determine a delay and a rate. slowest, smaller: bits and seconds of each
     """
     if smaller[0] > SMALLER * slowest[0]:
         return None
@@ -134,7 +142,7 @@ def rate_of_two(slowest: tuple[float, float], smaller: tuple[float, float]) -> f
 
 
 def unless_far_above(state: Sustained, bps: float) -> Sustained:
-    """Without the limit, if it is far above `bps`."""
+    """The state without its limit, if that is far above `bps`, and without effect."""
     return UNLIMITED if not state.late and USED * state.bps > MATTERS * bps else state
 
 

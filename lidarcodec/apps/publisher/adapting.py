@@ -59,8 +59,8 @@ class Adapting:
             encoder.aim(while_waiting(target_kbps(self._state), self._flight.waited_for()))
 
     def report(self) -> dict[str, Any]:
-        """For the status: what the network can carry in kbit/s as single messages show, and for long where that is less
-        (null if unknown), and the share in use."""
+        """For the status: the capacity that single messages show, and what the path carries for long, in kbit/s, null
+        if unknown; and the share of the capacity in use."""
         with self._lock:
             state = self._state
         found, sustained = capacity_kbps(state), sustained_kbps(state)

@@ -258,8 +258,8 @@ class Flight:
             return self._path.took()
 
     def waited_for(self) -> tuple[int, float] | None:
-        """The oldest message that was not reported: its bytes, and the seconds since it was sent, without the round
-        trip. None if there is none."""
+        """The oldest message under way: its bytes, and the seconds since it was sent, less the round trip. None if
+        there is none."""
         with self._condition:
             name = self._following()
             unresolved = [] if name is None else self._under_way.unresolved(name)
