@@ -63,7 +63,7 @@ typedef struct lidarcodec_frame {
   uint32_t rows;         /* 1 to 128 */
   uint32_t width;
   uint32_t points;                /* first returns in the frame */
-  uint32_t plane_count;           /* 0 if no packet of the frame has an image, and of a point cloud */
+  uint32_t plane_count;           /* 0 of a point cloud, and if no packet of the frame has an image */
   double range_step_m;            /* metres of one step of `range` */
   const lidarcodec_plane* planes; /* the first is `range` */
   const uint16_t* azimuth; /* 2 x width, 0.01 degree, 0 to 35999: of the upper and lower half of each column of an
@@ -99,7 +99,7 @@ typedef enum lidarcodec_type {
   LIDARCODEC_FLOAT64 = 8
 } lidarcodec_type;
 
-/* A field of the points of a cloud (model "pointcloud2"), as the message of its driver has it: x, y and z too. */
+/* A field of a point cloud (model "pointcloud2"), as its driver's message has it. x, y and z are fields, too. */
 typedef struct lidarcodec_field {
   const char* name; /* as sent; holds until the next call */
   uint32_t count;   /* values of each point */
@@ -126,25 +126,25 @@ LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* ses
 LIDARCODEC_API lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                                  lidarcodec_frame* frame);
 
-/* Points of the frame that was pushed last, column by column, second returns behind all first ones; of a point cloud in
- * the order of its message, those without a return left out. Up to `capacity` of them are written. Returns how many
- * there are. Without memory it returns 0, and where the directions of the beams are not known, as of an Ouster without
- * its metadata. */
+/* Points of the frame that was pushed last, column by column, second returns after all first ones. Those of a point
+ * cloud come in the order of its message, without those that have no return. Up to `capacity` of them are written.
+ * Returns how many there are: 0 without memory, and 0 if the directions of the beams are not known, as of an Ouster
+ * without its metadata. */
 LIDARCODEC_API size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns returns,
                                         lidarcodec_point* points, size_t capacity);
 
-/* Fields of the point cloud that was pushed last, in the order of its message: up to `capacity` of them are written.
- * Returns how many there are: none of other sensors, and of a message that is no PointCloud2. */
+/* Fields of the point cloud that was pushed last, in the order of its message. Up to `capacity` of them are written.
+ * Returns how many there are: 0 for other sensors, and for a message that is no PointCloud2. */
 LIDARCODEC_API size_t lidarcodec_fields(const lidarcodec_session* session, lidarcodec_field* fields, size_t capacity);
 
-/* Values of the field at a place in `lidarcodec_fields`, `count` for each point of the message, also for those without
- * a return: up to `capacity` of them are written, `bytes` each, in the machine's byte order. Returns how many there
- * are. Those of a lidarcodec_point begin at the place `cell * count`. */
+/* Values of a field, by its place in `lidarcodec_fields`. There are `count` for each point of the message, also for
+ * points without a return; those of a lidarcodec_point begin at `cell * count`. Up to `capacity` values are written,
+ * `bytes` each, in the machine's byte order. Returns how many there are, 0 if there is no such field. */
 LIDARCODEC_API size_t lidarcodec_values(const lidarcodec_session* session, size_t field, void* values, size_t capacity);
 
-/* The message of the point cloud that was pushed last, byte for byte, or with other x, y and z if the stream has a
- * bound on their error; docs/wire-format-clouds.md says with which four bytes it begins. It holds until the next call.
- * NULL, and a size of 0, of other sensors. */
+/* The message of the point cloud that was pushed last, byte for byte; if the stream has a bound on the error, x, y and
+ * z differ by up to that. It begins with four bytes that docs/wire-format-clouds.md explains, and holds until the next
+ * call. NULL, and a size of 0, for other sensors. */
 LIDARCODEC_API const uint8_t* lidarcodec_message(const lidarcodec_session* session, size_t* size);
 
 /* Of the last call that failed: a sentence in English, the byte at which it was seen, and with

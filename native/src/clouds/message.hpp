@@ -44,7 +44,7 @@ struct CloudHead {
   std::uint64_t points() const { return std::uint64_t{height} * width; }
   // Whether the points lie where step and row step say, and each field within its point.
   bool regular() const;
-  // The field of one value of that name, of two the first; nullptr if there is none.
+  // The first field of that name that has one value; nullptr if there is none.
   const CloudField* named(std::string_view name) const;
 };
 

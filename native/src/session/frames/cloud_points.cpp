@@ -54,7 +54,7 @@ std::vector<std::int64_t> rows_by_elevation(const CloudAxes& axes, std::size_t r
   return found;
 }
 
-// Of each point, from the top down.
+// The row of each point, 0 at the top.
 std::vector<std::int64_t> rings_of(const DecodedCloud& cloud, const CloudPoints& points, const CloudAxes& axes,
                                    std::size_t rows) {
   std::optional<CloudRows> image = cloud.image ? cloud.image : rows_of(points, axes);
