@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
 INSIDE: Final = "127.0.0.1"
-"""Address on which Foxglove's server listens for the gate where this machine has no more of them, as under macOS."""
+"""Address on which Foxglove's server listens for the gate if this machine has no other loopback address, as under
+macOS."""
 WAITING: Final = 4
 """Most messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
 ON_THE_WAY: Final = 2
@@ -265,7 +266,7 @@ class FoxgloveBridge:
 
 
 def _inside() -> str:
-    """An address of this machine, by lot: a web page that tries port after port does not find Foxglove's server."""
+    """A random loopback address: a web page that tries port after port does not find Foxglove's server."""
     address = str(ipaddress.IPv4Address((127 << 24) + 2 + secrets.randbelow((1 << 24) - 4)))
     with contextlib.suppress(OSError), socket.socket() as trial:
         trial.bind((address, 0))

@@ -48,8 +48,8 @@ _POSE_BYTES: Final = 1536
 _STEP_NS: Final = 10**9
 """A clock that was set back by so much begins another file, so that the times of a file are one span."""
 _LEAST_MESSAGES, _MOST_MESSAGES = 10, 5120
-"""So many messages are in a file before that, twice as many each time, and the least again behind a file that became
-full: a clock that jumps again and again makes no files without number."""
+"""A file takes at least so many messages before that. Each time the number doubles, until a file is full: then it is
+the least again. So a clock that jumps again and again makes few files."""
 _SPARE: Final = 3
 """File handles in reserve: a new file, its folder, and one more."""
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)

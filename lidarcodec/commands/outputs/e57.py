@@ -16,10 +16,11 @@ from lidarcodec.frame import Frame
 
 class E57Output:
     """A scan for each frame, with its number as name: x y z in metres, intensity as the sensor sends it, and the ring
-    as row. A frame without points gives no scan. Coordinates have 32 bits: far points are written from near them, and
-    the pose of the scan says from where."""
+    as row. A frame without points gives no scan. Coordinates have 32 bits: those of far points are relative to the
+    pose of the scan, which is near them."""
 
     FAR_M: Final = 1024.0
+    """Farther points, in the mean of a scan, are far."""
 
     def __init__(self, path: Path) -> None:
         import pye57

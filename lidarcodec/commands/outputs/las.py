@@ -66,7 +66,7 @@ class LasOutput:
 
     STEP_M: Final = 0.001
     FAR_M: Final = 1e5
-    """Points that begin farther away are written from there: coordinates reach 2,147 km."""
+    """If the first points are farther away, the file has an offset near them: from it coordinates reach 2,147 km."""
     COMPRESSED = False
 
     def __init__(self, path: Path) -> None:

@@ -40,6 +40,7 @@ MOST_PROGRAMS: Final = 8
 FORGET_S: Final = 10.0
 WORD: Final = 64
 NOT_RIGID: Final = 1e-3
+"""Products of the rows of a rotation may be off by so much."""
 Tell = Callable[[list[dict[str, Any]]], object]
 
 
@@ -136,7 +137,7 @@ def located_event(receiver: str, data: bytes) -> dict[str, Any] | None:
 
 
 def _is_rigid(numbers: list[float]) -> bool:
-    """Whether the rotation of three rows of a pose is one.
+    """Whether three rows of a pose, twelve numbers, begin with a rotation.
 
     >>> _is_rigid([0, -1, 0, 5, 1, 0, 0, 6, 0, 0, 1, 7]), _is_rigid([0.0] * 12)
     (True, False)

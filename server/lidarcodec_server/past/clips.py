@@ -97,11 +97,11 @@ def oldest_first(records: list[Record]) -> list[Record]:
     return sorted(records, key=lambda one: one.started_ns)
 
 
-def largest_first(vehicle: str, plan: Plan, done: list[Record], records: list[Record]) -> list[Record]:
-    """Which clips may give way to one that a vehicle told of, and that nobody asked for: always the oldest of the
-    vehicle that has the most, as long as that has more than this vehicle would have.
+def largest_vehicles_first(vehicle: str, plan: Plan, done: list[Record], records: list[Record]) -> list[Record]:
+    """Which clips may give way to one that only a vehicle's mark asks for: always the oldest of the vehicle whose clips
+    take most, as long as they take more than those of this vehicle would.
 
-    done: all clips;  records: those that may be deleted
+    vehicle, plan: of the new clip;  done: all clips;  records: those that may be deleted
     """
     has = Counter({vehicle: _bytes(plan)})
     for one in done:

@@ -22,7 +22,7 @@ from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.errors import LidarCodecError, SourceError, told
 from lidarcodec.files.whole import written_whole
 from lidarcodec.transport import Transport
-from lidarcodec_server.past.clips import Clips, Record, few, largest_first, oldest_first
+from lidarcodec_server.past.clips import Clips, Record, few, largest_vehicles_first, oldest_first
 
 logger = logging.getLogger(__name__)
 
@@ -37,8 +37,8 @@ MAX_ENDED: Final = 1000
 TURN_S: Final = 20.0
 """After so long without an answer of its vehicle, a fetch lets others have its turn."""
 LONGEST_TURN_S: Final = 120.0
-"""After so long a fetch lets others have their turn, however much it still gets: some links are slow, and some vehicles
-mean to be. It is longer than a vehicle may answer without bringing the fetch on."""
+"""After so long a fetch lets others have their turn, though pieces still arrive: some links are slow, and some vehicles
+send slowly on purpose. A fetch that gets nothing new ends earlier."""
 AGAIN_S: Final = 5.0
 GIVE_UP_S: Final = 24 * 3600.0
 CLOSE_S: Final = 6.0
@@ -313,7 +313,7 @@ class Fetches:
             others = [one for one in plans if one is not plan and one.listed]
             first = oldest_first
             if job.record.by.startswith(OF_MARK):
-                first = partial(largest_first, job.record.clip.keys.vehicle, plan, done)
+                first = partial(largest_vehicles_first, job.record.clip.keys.vehicle, plan, done)
             self._clips.make_room([plan, *others], done, self._forget, first)
 
     def _forget(self, record: Record) -> bool:

@@ -14,7 +14,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.recording.pieces import Piece
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.past import fetches
-from lidarcodec_server.past.clips import MAX_STAYING, Clips, Record, largest_first, oldest_first
+from lidarcodec_server.past.clips import MAX_STAYING, Clips, Record, largest_vehicles_first, oldest_first
 
 SIZE = 100_000
 
@@ -50,11 +50,11 @@ def test_a_clip_that_nobody_asked_for_deletes_none_of_vehicles_that_have_less(tm
     done = [record(number, f"car-{number % 3}") for number in range(9)]
     large = listing(4 * SIZE)
     with pytest.raises(SourceError, match="too large"):
-        deleted(clips, large, done, partial(largest_first, "car-x", large, done))
+        deleted(clips, large, done, partial(largest_vehicles_first, "car-x", large, done))
     small = listing(SIZE)
-    assert deleted(clips, small, done, partial(largest_first, "car-x", small, done)) == ["0"]
+    assert deleted(clips, small, done, partial(largest_vehicles_first, "car-x", small, done)) == ["0"]
     own = listing(SIZE, "car-2")
-    assert deleted(clips, own, done, partial(largest_first, "car-2", own, done)) == ["2"]
+    assert deleted(clips, own, done, partial(largest_vehicles_first, "car-2", own, done)) == ["2"]
 
 
 def test_clips_of_marks_of_one_vehicle_have_a_number(tmp_path):
