@@ -19,8 +19,9 @@ from lidarcodec.planes.beam_directions import BeamBook
 from lidarcodec.reduction.score_image import score_image, unpatched
 from lidarcodec.reduction.spread import Returns
 
-WEIGHTS: Final = {True: "poconet.onnx", False: "poconet_others.onnx"}
-"""Of an HDL-64E, and of other sensors."""
+OF_HDL64E: Final = "poconet.onnx"
+OF_OTHERS: Final = "poconet_others.onnx"
+"""Files of weights: for an HDL-64E, and for other sensors."""
 Floats = npt.NDArray[np.float32]
 
 
@@ -60,11 +61,12 @@ def _session(weights: str) -> Any:
 def scores_of(frame: Frame, returns: Returns, book: BeamBook | None = None) -> Scores:
     """Scores of a frame's returns. book: of the stream"""
     image = score_image(frame, returns, book)
-    (patches,) = _session(WEIGHTS[frame.sensor.is_hdl64e]).run(None, {"features": image.features[None]})
+    weights = OF_HDL64E if frame.sensor.is_hdl64e else OF_OTHERS
+    (patches,) = _session(weights).run(None, {"features": image.features[None]})
     values = unpatched(patches[0]).reshape(len(Scores._fields), -1)
     return Scores(*(value[image.pixel] for value in values))
 
 
 def about(weights: str) -> dict[str, str]:
-    """The metadata of a file of weights: `trained_on`, `licence`, `steps`."""
+    """The metadata of a file of weights, such as `trained_on`, `licence` and `steps`."""
     return dict(_session(weights).get_modelmeta().custom_metadata_map)

@@ -1,7 +1,7 @@
 """Training of ScoreNet on annotated drives: classes high, low and ground, rank of the counts, rarely seen returns.
 
 A step takes crops of two layouts of sensors, and each goes through the network alone. The last steps normalise by the
-running means of all layouts, as the network that ships does, so it learns to do without those of one.
+running means of all layouts, as the exported network does, so the network does not rely on the means of one.
 
 The random crops of a step depend on its number (`runs.step_rng`), so a resumed run equals an uninterrupted one.
 """

@@ -80,7 +80,7 @@ class _Field(ctypes.Structure):
 
 
 TYPES = (None, "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
-"""Of numpy, by the number of a lidarcodec_type."""
+"""The type in numpy of each lidarcodec_type, by its number."""
 
 
 class Decoded(NamedTuple):

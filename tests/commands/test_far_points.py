@@ -92,7 +92,7 @@ def test_merged_points_are_refused_where_poses_jump_to_another_place(tmp_path: P
 
 @pytest.mark.parametrize("ending", ["e57", "laz"])
 def test_a_full_disk_is_an_error_of_the_disk_whatever_the_library_calls_it(tmp_path: Path, ending: str) -> None:
-    """`unexpected E57Exception`, and `unexpected LazrsError`."""
+    """`unexpected E57Exception` sounds as if the program were broken, and says nothing of the disk."""
     pytest.importorskip({"e57": "pye57", "laz": "lazrs"}[ending])
     (frame,) = frames(1)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -24,7 +24,7 @@ LOST_TIMES = {"pcodec": 1.2, "predictive": 1.5, "riddle": 1.5, "h264": 3.0}
 CHANCE = 2
 """Frames more that may be lost, because few messages are."""
 RATES = {"riddle": 5.0}
-"""Frames a second, where two cores do not carry both ends at 10: what is missing would be the machine's doing."""
+"""Frames a second of a codec, if two cores do not carry both ends at 10: frames would be missing without harm."""
 WHOLE, HARMED = 50, 120
 """Frames without harm, then with it."""
 

@@ -98,15 +98,15 @@ def test_what_ships_was_trained_on_simulated_drives_only_and_fits_into_a_megabyt
     pytest.importorskip("onnxruntime", reason="the extra `poconet`")
     from importlib.resources import files
 
-    from lidarcodec.reduction.score_network import WEIGHTS, about
+    from lidarcodec.reduction.score_network import OF_HDL64E, OF_OTHERS, about
 
-    for weights in WEIGHTS.values():
+    for weights in (OF_HDL64E, OF_OTHERS):
         told = about(weights)
         assert told["trained_on"].startswith("simulated drives")
         assert "KITTI" not in told["trained_on"]
         assert told["licence"]
         assert len(files("lidarcodec.reduction").joinpath(weights).read_bytes()) < 1_000_000
-    others = about(WEIGHTS[False])
+    others = about(OF_OTHERS)
     assert {"vlp16", "os1-128"} < set(others["sensors"].split(", "))
     assert int(others["steps"]) > 100
     assert int(others["seconds"]) > 0

@@ -35,7 +35,7 @@ STREAMS: dict[str, dict[str, Any]] = {
 
 
 def payloads() -> list[bytes]:
-    """Clouds that differ in their fields, order and form, and what is none."""
+    """Clouds that differ in their fields, order and form, and payloads that are no cloud."""
     turn = velodyne(60)
     rng = np.random.default_rng(6)
     angle, up = rng.uniform(-np.pi, np.pi, 200), rng.uniform(-0.17, 0.17, 200)

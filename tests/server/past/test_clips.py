@@ -43,7 +43,7 @@ async def test_a_clip_is_fetched_once_and_then_here(serving, keeping):
 
 
 async def test_a_page_of_another_site_begins_no_fetch(serving, keeping):
-    """It led the browser of an operator there: a clip was fetched, and the oldest one went where there was no room."""
+    """It led an operator's browser there: a clip was fetched, and if there was no room, the oldest one was deleted."""
     keeping()
     async with serving() as client:
         await seen(client)

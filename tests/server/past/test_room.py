@@ -35,7 +35,7 @@ def deleted(clips, plan, done, order):
 
 
 def test_a_clip_for_which_there_can_be_no_room_deletes_none(tmp_path):
-    """All clips were deleted, and then it was said that the new one is too large."""
+    """All clips were deleted before the new one was refused as too large."""
     clips, done = Clips(tmp_path, 10 * SIZE), [record(number) for number in range(5)]
     gone = []
     with pytest.raises(SourceError, match="too large"):
@@ -45,7 +45,7 @@ def test_a_clip_for_which_there_can_be_no_room_deletes_none(tmp_path):
 
 
 def test_a_clip_that_nobody_asked_for_deletes_none_of_vehicles_that_have_less(tmp_path):
-    """A vehicle tells of marks, and of sizes, as it likes."""
+    """A vehicle can tell of any marks and any sizes: others would lose the clips that people asked for."""
     clips = Clips(tmp_path, 10 * SIZE)
     done = [record(number, f"car-{number % 3}") for number in range(9)]
     large = listing(4 * SIZE)
@@ -57,7 +57,7 @@ def test_a_clip_that_nobody_asked_for_deletes_none_of_vehicles_that_have_less(tm
     assert deleted(clips, own, done, partial(largest_vehicles_first, "car-2", own, done)) == ["2"]
 
 
-def test_clips_of_marks_of_one_vehicle_have_a_number(tmp_path):
+def test_clips_of_marks_of_one_vehicle_have_a_limit(tmp_path):
     """A clip of a few bytes takes a folder, a place in every list, and memory of the server."""
     clips = Clips(tmp_path, 1 << 30)
     done = [record(number, stays=True) for number in range(MAX_STAYING)]

@@ -41,7 +41,7 @@ Decoder::Decoder(const std::string& weights) : session_(lidarcodec_open()) {
   if (missing && !weights.empty()) throw std::runtime_error("cannot read " + weights + ": " + missing.message());
 }
 
-// The points of a driver's message. Whether its fields have a place each: no driver's lie over each other.
+// Takes the points of a driver's message, with all fields. False if fields lie over each other, as no driver's do.
 bool Decoder::take_fields(Cloud& cloud) const {
   std::vector<lidarcodec_field> fields(lidarcodec_fields(session_.get(), nullptr, 0));
   lidarcodec_fields(session_.get(), fields.data(), fields.size());

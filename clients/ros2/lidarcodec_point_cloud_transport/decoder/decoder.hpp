@@ -19,8 +19,8 @@ struct Field {
 
 // Points as the ROS driver of Velodyne lays them out: x y z intensity (float32), ring (uint16, 0 is the lowest beam),
 // and time (float32, seconds after the stamp). An HDL-64E has no `time`: the library does not read the times of its
-// firings. A point cloud that came from a driver has all points and fields of its message, in their order and one
-// behind the other, also points without a return.
+// firings. A point cloud of a driver has all points of its message, also those without a return, and all fields, in
+// their order and without padding.
 struct Cloud {
   std::vector<Field> fields;
   uint32_t point_step = 0;

@@ -22,7 +22,7 @@ struct CloudColumns {
 // without_xyz: fields x, y and z of one value are no columns. The head is a regular one.
 CloudColumns columns_of(const CloudHead& head, bool without_xyz);
 
-// What columns refer to: without an image `cells` is nothing, without coordinates by it `geometry`.
+// What columns refer to. cells: nullptr without a range image; geometry: nullptr if coordinates are not coded by it.
 struct ColumnImage {
   const CloudCells* cells = nullptr;
   const CloudGeometry* geometry = nullptr;
