@@ -174,7 +174,7 @@ def while_waiting(target: float, waited_for: tuple[int, float] | None) -> float:
 
 def sustained_kbps(state: PathState) -> float | None:
     """What the path carries for long, in kbit/s; None if nothing shows a token bucket."""
-    return None if math.isinf(state.sustained.bps) else state.sustained.bps / 1e3
+    return None if math.isinf(state.sustained.known_bps) else state.sustained.known_bps / 1e3
 
 
 def capacity_kbps(state: PathState) -> float | None:

@@ -235,7 +235,6 @@ def test_a_program_decodes_a_recording(
 ) -> None:
     messages = list(split((ROOT / "tests" / f"{name}.bin").read_bytes()))
     recording, out = tmp_path / "stream.mcap", tmp_path / "points"
-    out.mkdir()
     _record(recording, messages, compression)
     words = [
         programs / "decode_recording",
@@ -253,10 +252,21 @@ def test_a_program_decodes_a_recording(
         cloud = frame.cloud("first" if frame.sensor.is_hdl64e else "all")
         model = frame.sensor.model
         assert said[number].endswith(f"frame {frame.index} of a {model} at {frame.stamp_ns} ns: {len(cloud)} points")
-        points = np.fromfile(out / f"{number}.bin", "<f4").reshape(-1, 4)
+        points = np.fromfile(out / f"{number:06d}.bin", "<f4").reshape(-1, 4)
+        reflectance = cloud["intensity"] / np.float32(np.iinfo(cloud["intensity"].dtype).max)
         np.testing.assert_allclose(
-            points, np.stack([cloud[key] for key in ("x", "y", "z", "intensity")], 1), rtol=1e-5, atol=1e-4
+            points, np.stack([cloud["x"], cloud["y"], cloud["z"], reflectance], 1), rtol=1e-5, atol=1e-4
         )
+
+
+def test_what_a_program_does_not_understand_is_said(programs: Path, tmp_path: Path) -> None:
+    """An option that is misspelt is no folder, and a bag of something else is no recording of no frames."""
+    program, empty = programs / "decode_recording", tmp_path / "empty.mcap"
+    _record(empty, [], "none")
+    misspelt = subprocess.run([program, empty, "--al"], capture_output=True, text=True, timeout=60, check=False)
+    assert (misspelt.returncode, misspelt.stderr[:6]) == (2, "usage:")
+    nothing = subprocess.run([program, empty], capture_output=True, text=True, timeout=60, check=False)
+    assert (nothing.returncode, "no messages" in nothing.stderr) == (1, True)
 
 
 def test_a_program_prints_points_and_attributes_of_another_sensor(programs: Path) -> None:
@@ -327,7 +337,7 @@ def test_a_recording_that_was_cut_is_read_as_far_as_it_goes(programs: Path, tmp_
         recording.write_bytes(whole[:size])
         words = [programs / "decode_recording", recording]
         result = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
-        assert result.returncode == (1 if size < 8 else 0), result.stderr
+        assert result.returncode == (0 if " frame " in result.stdout else 1), result.stderr
 
 
 def test_a_program_prints_points_of_a_stream_that_learns(programs: Path) -> None:

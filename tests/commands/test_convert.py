@@ -215,7 +215,7 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
         (["out.txt"], "give a name that ends in .pcap .mcap .npz .ply"),
         (["out.ply", "--codec", "zstd"], "--codec is not for ply"),
         (["out.pcap", "--region", "0,0,1,1"], "--region is only for points"),
-        (["out.npz", "--merge"], "--merge is only for points"),
+        (["out.npz", "--merge"], "--merge is only for files of points"),
         (["out.ply", "--region", "1,0,0,1"], "is an empty box"),
         (["out.ply", "--transform", "1,2,3"], "X,Y,Z,ROLL,PITCH,YAW"),
         (["out.ply", "--from", "noon"], "is not a time"),

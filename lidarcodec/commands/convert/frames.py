@@ -72,7 +72,9 @@ class Wanted:
         """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
         given = self.placing.given
         if given and not self.form.points:
-            raise SettingsError(f"{given} is only for points, but {self.form.name} holds packets, images or messages")
+            raise SettingsError(
+                f"{given} is only for files of points, such as .ply: {self.form.name} is written without it"
+            )
         check_returns(self.form, self.placing.returns)
         if self.placing.merge and contents_of(self.out, self.form) is not None:
             raise SettingsError("--merge puts all frames into one file: give OUT an ending, such as .ply", "merge")

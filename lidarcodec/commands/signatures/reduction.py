@@ -12,7 +12,12 @@ from typing import Annotated
 from typer import Option
 
 ReductionName = Annotated[
-    str | None, Option("--reduction", metavar="NAME", help="How returns are chosen: all (default), voxel and others.")
+    str | None,
+    Option(
+        "--reduction",
+        metavar="NAME",
+        help="Which returns are sent: auto (default), all, voxel and others.",
+    ),
 ]
 KeepPoints = Annotated[
     str | None, Option("--keep-points", metavar="N", help="Number of returns to keep of each frame.")

@@ -16,7 +16,7 @@ from lidarcodec.settings import AUTO, StreamSettings, settings_from
 from lidarcodec_server.fleet.fleet import number_in
 
 SPENDING: Final = {
-    "target_kbps": "Target bitrate in force. With `auto`: the bitrate of the path.",
+    "target_kbps": "Target bitrate in force. With `auto`: what the path carries, less a reserve.",
     "target_missed": "1 while the target bitrate is missed. 0 if everything is sent exactly with fewer bits.",
     "bound_meters": "Largest error of a range, in force; 0 is exact. For codecs with an error bound.",
     "kept_ratio": "Share of the measured returns that is sent, in frames that are sent.",
