@@ -36,7 +36,7 @@ were lost, and sent again. The measurement begins anew with it."""
 HOLD_S: Final = 2.5
 """Time for which the limit stays before it rises. Each rise that is too much makes a frame or two late."""
 GENTLE: Final = (1.5, 1.6)
-FAST: Final = (8.0, 2.5)
+FAST: Final = (20.0, 3.0)
 """How the limit rises: the factor each second, and up to how many times the known rate. It rises gently until more bits
 were sent than the bucket can hold. If no message was late until then, the path is as fast as the limit: that becomes
 the known rate, and the limit rises fast."""
