@@ -47,7 +47,7 @@ class Archived:
         self._coming: dict[str, asyncio.Future[None]] = {}
 
     async def find(self, wanted: Wanted, client: str = "") -> Page:
-        """Segments, the newest first. client: name of who asks
+        """Segments, the newest first. client: its name, for its share of the places
 
         Raises SettingsError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
@@ -81,7 +81,7 @@ class Archived:
     ) -> tuple[Path, Callable[[], object]]:
         """The recording of a segment as a file, and what to call when it is no longer read.
 
-        known: the segment, if it was found already;  client: name of who asks
+        known: the segment, if it was found already;  client: its name, for its share of the places
         Raises NoSegmentError, FullError, BusyArchiveError, AwayArchiveError, DamagedArchiveError.
         """
         give_back = self._copies.borrow(segment) if segment not in self._coming else None
