@@ -197,11 +197,9 @@ class RecordingReader:
         end = start
         count = 0
         self._work = Work()
-        for record in records.records(self._stream, start, self._size):
+        for record in self._records(start):
             if record.opcode in (records.DATA_END, records.FOOTER):
-                self._look_behind(record)
-                if start == self._data_start and not self.counts["damaged"]:
-                    self._compare(count)
+                self._look_at_end(record, count if start == self._data_start else None)
                 return
             stored: list[Stored] = []
             try:
@@ -217,6 +215,20 @@ class RecordingReader:
             yield record.offset, stored
         self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
         self._warn(f"{self._name} was cut off: {self._size - end} bytes after its last complete message are lost")
+
+    def _records(self, start: int) -> Iterator[Record]:
+        """The records of the file, or of what is left of it: a program may make it shorter while it is read."""
+        with suppress(DamagedError):
+            yield from records.records(self._stream, start, self._size)
+
+    def _look_at_end(self, record: Record, count: int | None) -> None:
+        """Count and log what is wrong behind the data section. count: of all its messages; None if not all were read"""
+        try:
+            self._look_behind(record)
+            if count is not None and not self.counts["damaged"]:
+                self._compare(count)
+        except DamagedError as error:
+            self._damaged(error)
 
     def _compare(self, count: int) -> None:
         """Count and log if there are fewer messages than in the file's statistics. A flipped bit in an opcode can
@@ -308,12 +320,12 @@ class RecordingReader:
 
     def _indexed(self) -> list[tuple[int, int]]:
         """(time of the first message, offset) of each chunk, from the file's index; empty if it has none."""
-        start = records.summary_start(self._stream, self._size)
-        if start is None:
-            return []
         found: list[tuple[int, int]] = []
         times: _Times = None
         try:
+            start = records.summary_start(self._stream, self._size)
+            if start is None:
+                return []
             for record in records.records(self._stream, start, self._size):
                 self._learn_of(self._stream, record)
                 if record.opcode == records.CHUNK_INDEX:

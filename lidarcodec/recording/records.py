@@ -16,6 +16,7 @@ import lz4.frame
 import zstandard
 
 from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, MIB, RECORDS_BASE, RECORDS_PER_BYTE, Allowance
+from lidarcodec.errors import SourceError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
@@ -72,8 +73,16 @@ class Stored(NamedTuple):
     sequence: int = 0
 
     def data(self, limit: int = MAX_RECORD) -> bytes:
-        """The data, at most `limit` bytes of it."""
-        return read(self.source, self.start, min(self.length, limit))
+        """The data, at most `limit` bytes of it.
+
+        Raises SourceError if the file has become shorter since the message was found.
+        """
+        try:
+            return read(self.source, self.start, min(self.length, limit))
+        except DamagedError:
+            name = getattr(self.source, "name", "the file")
+            text = f"{name} became shorter while it was read: try again when no program changes it"
+            raise SourceError(text) from None
 
 
 class Chunk(NamedTuple):

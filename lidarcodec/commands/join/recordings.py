@@ -14,7 +14,7 @@ from typing import BinaryIO, Final
 
 from lidarcodec import wire
 from lidarcodec.assembly import packets_of
-from lidarcodec.commands.join.overlap import digest_of, digests_of
+from lidarcodec.commands.join.overlap import Content, digest_of, digests_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -53,6 +53,8 @@ class Part:
     """Description of its damage; empty if there is none."""
     had: set[bytes] = field(default_factory=set)
     """Digests of what the part before it has, if they overlap: it is not copied again."""
+    content: bytes = b""
+    """Digest of all that was checked."""
 
     @property
     def counted(self) -> bool:
@@ -67,6 +69,8 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
         for part in parts if not allow_gap else ():
             if part.damaged:
                 raise SourceError(f"{part.path} {part.damaged}: use --allow-gap to join the rest")
+        for part in parts:
+            part.content = Content.of(part.reader.everything())
         for before, after in pairwise(parts):
             _check_kin(parts[0], after)
             _check_order(before, after, allow_gap)
@@ -76,9 +80,9 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
         with whole(out, force=force) as output, progress("joining") as tick, output.beside.open("wb") as handle:
             about = {name: text for name, text in first.items() if name != "joined"} | {"joined": str(len(parts))}
             writer = RecordingWriter(handle, first["vehicle"], first["sensor"], None, about, clouds=clouds)
-            watched = Watched(_everything(parts), stopped)
-            for part, channel, stored in watched:
-                if part.had and digest_of(channel, stored) in part.had:
+            watched = Watched(_everything(parts, out), stopped)
+            for part, channel, stored, digest in watched:
+                if digest in part.had:
                     twice += 1
                     continue
                 writer.copy(channel, part.reader.schemas.get(channel.schema, ""), stored)
@@ -96,10 +100,22 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
     )
 
 
-def _everything(parts: Sequence[Part]) -> Iterator[tuple[Part, Channel, Stored]]:
+def _everything(parts: Sequence[Part], out: Path) -> Iterator[tuple[Part, Channel, Stored, bytes]]:
+    """Every message of all parts, with its digest.
+
+    Raises SourceError behind the last message of a part that is not any more what was checked.
+    """
     for part in parts:
+        content = Content()
         for channel, stored in part.reader.everything():
-            yield part, channel, stored
+            digest = digest_of(channel, stored)
+            content.add(digest)
+            yield part, channel, stored, digest
+        if content.told() != part.content:
+            raise SourceError(
+                f"{part.path} changed while it was joined, so {out} was not written: try again when no program "
+                "changes the parts"
+            )
 
 
 def _part(path: Path, handle: BinaryIO) -> Part:
