@@ -24,12 +24,15 @@ from typing import Any
 import numpy as np
 from options import options
 from outputs import McapOutput, ZenohOutput
-from zones import Zone
+from zones import Event, Zone
 
 import lidarcodec
 from lidarcodec.errors import TransportError
 
 STATE_S = 1.0
+CLOCK_NS = 5 * 10**9
+"""A vehicle whose clock is farther from this machine's is not looked at: its frames would count as seen later, or long
+ago, and no other vehicle could raise or clear an alert where it looked."""
 FAULTS = (lidarcodec.LidarCodecError, OSError)
 """What can go wrong with networks and files."""
 
@@ -53,31 +56,34 @@ class Monitor:
 
     def take(self, vehicle: str, frame: lidarcodec.Frame, latency_ms: float | None) -> None:
         """Look at a frame."""
-        about = self._vehicles.setdefault(vehicle, {"frames": 0, "without_pose": 0})
-        about.update(frames=about["frames"] + 1, stamp_ns=frame.stamp_ns, latency_ms=latency_ms)
-        if frame.pose is None:
-            about["without_pose"] += 1
-            if about["without_pose"] == 1:
-                say(f"{vehicle} sends no pose, so its points cannot be placed: publish it with --poses")
-            return
+        off_ns = frame.stamp_ns - time.time_ns()
+        with self._lock:
+            about = self._vehicles.setdefault(vehicle, {"frames": 0, "without_pose": 0, "wrong_clock": 0})
+            about.update(frames=about["frames"] + 1, stamp_ns=frame.stamp_ns, latency_ms=latency_ms)
+            if frame.pose is None:
+                text = "sends no pose, so its points cannot be placed: publish it with --poses"
+                self._leave_out(vehicle, "without_pose", text)
+                return
+            if abs(off_ns) > CLOCK_NS:
+                text = f"has a clock that is {off_ns / 1e9:+.1f} s off this one, or a link that is so slow"
+                self._leave_out(vehicle, "wrong_clock", f"{text}, so its points are not looked at: set both clocks")
+                return
         place = frame.pose[:3, 3]
         before_ns, before = self._last.get(vehicle, (0, place))
         self._last[vehicle] = frame.stamp_ns, place
         since_s = (frame.stamp_ns - before_ns) * 1e-9
         velocity = (place - before) / since_s if 0.0 < since_s < 1.0 else np.zeros(3)
         points = in_common_frame(frame, velocity)
-        about["position_m"] = place.round(2).tolist()
         with self._lock:
+            about["position_m"] = place.round(2).tolist()
             for zone in self._zones:
-                event = zone.see(points, frame.stamp_ns, vehicle)
-                if event is not None:
-                    print(json.dumps(event.plain()), flush=True)
-                    for output in self._outputs:
-                        output.alert(event.plain())
+                self._put(zone.see(points, frame.stamp_ns, vehicle))
 
     def tell(self) -> None:
-        """Put out how things are."""
+        """Put out how things are. What nobody sees any more is forgotten, also if no vehicle is left."""
         with self._lock:
+            for zone in self._zones:
+                self._put(zone.go_on(time.time_ns()))
             seen = [things for zone in self._zones for things in zone.things.values()]
             state = {
                 "stamp_ns": time.time_ns(), "frame": "world", "vehicles": dict(self._vehicles),
@@ -86,6 +92,20 @@ class Monitor:
             for output in self._outputs:
                 output.state(state, np.concatenate([np.zeros((0, 3)), *seen]))
 
+    def _put(self, event: Event | None) -> None:
+        """Put out an alert."""
+        if event is not None:
+            print(json.dumps(event.plain()), flush=True)
+            for output in self._outputs:
+                output.alert(event.plain())
+
+    def _leave_out(self, vehicle: str, why: str, text: str) -> None:
+        """Count a frame that is not looked at; the first one is said."""
+        about = self._vehicles[vehicle]
+        about[why] += 1
+        if about[why] == 1:
+            say(f"{vehicle} {text}")
+
 
 class Watching:
     """Threads that hand the newest frames of streams to the monitor; they go on through restarts of vehicles."""
@@ -93,7 +113,7 @@ class Watching:
     def __init__(self, streams: list[str], endpoints: lidarcodec.Endpoints, monitor: Monitor) -> None:
         self._endpoints, self._monitor = endpoints, monitor
         self.stop = threading.Event()
-        self.fault: Exception | None = None
+        self.fault: BaseException | None = None
         self._threads = [threading.Thread(target=self._run, args=(one,)) for one in streams]
 
     def start(self) -> None:
@@ -117,7 +137,7 @@ class Watching:
                     frame = live.next(timeout_s=0.5)
                     if frame is not None:
                         self._monitor.take(stream, frame, live.stats.latency_ms.summary()["p50"])
-        except FAULTS as error:
+        except BaseException as error:  # also of this program: who watches no more must not seem to
             self.fault = error
             self.stop.set()
 
@@ -131,7 +151,8 @@ def run() -> None:
     """Watch until a signal comes, or the time is over. Raises FAULTS."""
     given, zones = options(__doc__)
     endpoints = lidarcodec.Endpoints.of(connect=given.connect)
-    outputs: list[Any] = [] if given.out is None else [McapOutput(given.out)]
+    file = None if given.out is None else McapOutput(given.out, say)
+    outputs: list[Any] = [] if file is None else [file]
     monitor = Monitor(zones, outputs)
     watching = Watching(given.streams, endpoints, monitor)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -153,6 +174,8 @@ def run() -> None:
         watching.stop.set()
         for output in outputs:
             output.close()
+    if file is not None and file.fault is not None:
+        raise file.fault
 
 
 def main() -> int:
@@ -163,6 +186,9 @@ def main() -> int:
         return 0
     except FAULTS as error:
         say(" ".join(str(error).split()))
+        return 1
+    except Exception as error:
+        say(f"unexpected {type(error).__name__}: {' '.join(str(error).split())}")
         return 1
     sys.stdout.flush()
     return 0

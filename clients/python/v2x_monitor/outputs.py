@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +39,21 @@ class ZenohOutput:
 
 
 class McapOutput:
-    """Topics `alerts` and `state` (JSON), and `things`: the points that stand in zones, in the common frame."""
+    """Topics `alerts` and `state` (JSON), and `things`: the points that stand in zones, in the common frame.
 
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb")
-        self._mcap = Writer(self._file, chunk_size=2**18)
+    Each message is passed to the system at once, so a kill loses none. If the disk fails, the file ends there, and all
+    else goes on.  fault: why it ended; None if it did not
+    """
+
+    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
+        """Raises OSError, also if there is such a file already: it may hold alerts."""
+        self._path, self._say = path, say
+        self.fault: OSError | None = None
+        try:
+            self._file = path.open("xb")
+        except FileExistsError:
+            raise FileExistsError(f"{path} exists: choose another name, or remove it") from None
+        self._mcap = Writer(self._file, chunk_size=1)  # a message each
         self._mcap.start(library="lidarcodec v2x_monitor")
         schema = self._mcap.register_schema("v2x", "jsonschema", ANY_OBJECT)
         self._alerts = self._mcap.register_channel("alerts", "json", schema)
@@ -51,7 +62,17 @@ class McapOutput:
         self._things = self._mcap.register_channel("things", foxglove.ENCODING, cloud)
 
     def _add(self, channel: int, stamp_ns: int, data: bytes) -> None:
-        self._mcap.add_message(channel, stamp_ns, data, stamp_ns)
+        if self.fault is not None:
+            return
+        try:
+            self._mcap.add_message(channel, stamp_ns, data, stamp_ns)
+            self._file.flush()
+        except OSError as error:
+            self._end(error)
+
+    def _end(self, error: OSError) -> None:
+        self.fault = OSError(error.errno, f"{self._path} ends early: {error.strerror}")
+        self._say(f"{self._path} cannot be written any more: {error.strerror}. Alerts go on without it")
 
     def alert(self, event: dict[str, Any]) -> None:
         self._add(self._alerts, event["stamp_ns"], json.dumps(event).encode())
@@ -65,5 +86,10 @@ class McapOutput:
         self._add(self._things, stamp_ns, foxglove.cloud_message(stamp_ns, WORLD, points))
 
     def close(self) -> None:
-        self._mcap.finish()
-        self._file.close()
+        try:
+            if self.fault is None:
+                self._mcap.finish()
+            self._file.close()
+        except OSError as error:
+            if self.fault is None:
+                self._end(error)

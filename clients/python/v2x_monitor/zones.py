@@ -135,6 +135,7 @@ class Zone:
         self._score = np.zeros(tuple(size), np.int32)
         self._slot = np.full(tuple(size), -1, np.int64)
         self._since_ns: int | None = None
+        self._seen_ns: dict[str, int] = {}
         self.things: dict[str, np.ndarray] = {}
 
     @property
@@ -144,6 +145,7 @@ class Zone:
 
     def see(self, points: np.ndarray, stamp_ns: int, vehicle: str) -> Event | None:
         """Take (N, 3) points of a vehicle in the common frame; the alert that this raises or clears, if any."""
+        self._seen_ns[vehicle] = stamp_ns
         near = points[
             np.all((points[:, :2] > self._low - MARGIN_M) & (points[:, :2] < self.polygon.max(axis=0) + MARGIN_M), 1)
         ]
@@ -156,6 +158,14 @@ class Zone:
         things = within[(height >= self.rules.lowest_m) & (height <= self.rules.highest_m)]
         self.things[vehicle] = things
         self._count(things, within[np.abs(height) < self.rules.lowest_m], stamp_ns // SLOT_NS)
+        return self._judged(stamp_ns)
+
+    def go_on(self, stamp_ns: int) -> Event | None:
+        """Time goes on, also if nobody looks; the alert that this clears, if any."""
+        lost = [name for name, seen_ns in self._seen_ns.items() if stamp_ns - seen_ns > self.rules.forget_s * 1e9]
+        for vehicle in lost:
+            del self._seen_ns[vehicle]
+            self.things.pop(vehicle, None)
         return self._judged(stamp_ns)
 
     def state(self) -> dict[str, Any]:
