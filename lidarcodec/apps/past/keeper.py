@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.past.conditions import conditions_of
+from lidarcodec.apps.past.conditions import MAX_CONDITIONS, conditions_of
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.recorder import CLOSE_LIMIT_S, LOSSLESS, WAITING, Record
 from lidarcodec.errors import LidarCodecError, SettingsError
@@ -45,6 +45,8 @@ WATCH_S: Final = 1.0
 """Interval at which conditions are looked at."""
 MARK_NS: Final = 15 * 10**9
 """A condition marks so much before and after the moment at which it came true."""
+UNMARKED_NS: Final = 600 * 10**9
+"""So long it is tried to mark an event that could not be marked, as on a full disk."""
 AGAIN_S: Final = 30.0
 """After an error of the disk, interval of attempts to keep again."""
 _SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([kMGT]?)(i?)B", re.IGNORECASE)
@@ -102,6 +104,7 @@ class Keeper:
         self.keep, self.keys = keep, keys
         self.status: Callable[[], dict[str, Any]] = dict
         self._conditions = conditions_of(keep.mark_when)
+        self._unmarked: deque[Mark] = deque(maxlen=MAX_CONDITIONS)
         self.kept = Kept(keep.folder, keys, keep.max_bytes)
         self._files = self._recorder()
         self._queue: deque[Frame] = deque()
@@ -214,14 +217,31 @@ class Keeper:
             self.kept.growing = self._files.path
 
     def _watch(self) -> None:
-        """Mark the time around each condition that came true. Raises SettingsError, SourceError if it cannot."""
+        """Mark the time around each condition that came true. Raises SettingsError, SourceError if it cannot; it is
+        tried again then."""
         status = self.status()
         came = [condition.text for condition in self._conditions if condition.came(status)]
         if came:
             at_ns = time.time_ns()
-            mark = Mark(f"status-{at_ns}", at_ns - MARK_NS, at_ns + MARK_NS, came[0], "status", at_ns)
-            self.kept.mark(mark, own=True)
-            logger.info("%s: marked, because %s", self.keys.prefix, came[0])
+            self._unmarked.append(Mark(f"status-{at_ns}", at_ns - MARK_NS, at_ns + MARK_NS, came[0], "status", at_ns))
+            error = self._mark()
+            if error is not None:
+                raise error
+
+    def _mark(self) -> LidarCodecError | None:
+        """Mark the events that are not marked yet; the newest error, if any cannot be."""
+        found: LidarCodecError | None = None
+        for mark in tuple(self._unmarked):
+            try:
+                self.kept.mark(mark, own=True)
+            except LidarCodecError as error:
+                found = error
+                if abs(time.time_ns() - mark.at_ns) <= UNMARKED_NS:
+                    continue
+            else:
+                logger.info("%s: marked, because %s", self.keys.prefix, mark.reason)
+            self._unmarked.remove(mark)
+        return found
 
     def _look_after(self, now: float) -> None:
         if now - self._synced_s >= SYNC_S:
@@ -229,6 +249,7 @@ class Keeper:
             self._files.sync()
         if now - self._looked_s >= self._look_s:
             self._looked_s = now
+            self._mark()  # what was counted as an error before
             self.kept.look()
             self._look_s = max(LOOK_S, (time.monotonic() - now) / LOOK_SHARE)
         if self._conditions and now - self._watched_s >= WATCH_S:

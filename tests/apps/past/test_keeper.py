@@ -12,7 +12,7 @@ from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of, check_a
 from lidarcodec.apps.past.kept import Kept
 from lidarcodec.apps.recorder import Record
 from lidarcodec.commands.publish.command import not_kept
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
 from lidarcodec.recording.recorded_files import recorded_files
@@ -177,6 +177,26 @@ def test_a_condition_on_the_status_marks_the_time_around_it_once(tmp_path: Path)
     (mark,) = keeper.kept.marks
     assert (mark.reason, mark.by, mark.to_ns - mark.from_ns) == ("worker_restarts grows", "status", 30 * 10**9)
     assert mark.from_ns < mark.at_ns < mark.to_ns
+
+
+def test_an_event_that_could_not_be_marked_is_marked_as_soon_as_that_can_be_done(tmp_path: Path) -> None:
+    """A disk that was full at that moment: the crash was overwritten, as a condition comes true only once."""
+    keeper = Keeper(Keep(tmp_path / "ring", SMALL, ("worker_restarts grows",)), KEYS)
+    (tmp_path / "ring").write_text("no folder")  # no file can be written there, for whoever runs this
+    keeper.status = lambda: {"worker_restarts": 0}
+    keeper._watch()
+    keeper.status = lambda: {"worker_restarts": 1}
+    with pytest.raises(SourceError, match="the marks cannot be stored"):
+        keeper._watch()
+    keeper._watch()
+    assert len(keeper.kept.marks) == 0
+    (tmp_path / "ring").unlink()
+    keeper._look_after(1e9)
+    (mark,) = keeper.kept.marks
+    assert mark.reason == "worker_restarts grows"
+    assert Marks(keeper.kept.marks.path).covers(mark.from_ns, mark.to_ns)
+    keeper._look_after(2e9)
+    assert len(keeper.kept.marks) == 1
 
 
 @pytest.mark.parametrize("text", ["", "x", "x > y", "x > 1 > 2", "x ! 3", "> 3", "x grows more", "x" * 300 + " grows"])
