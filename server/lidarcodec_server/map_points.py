@@ -30,7 +30,7 @@ class TilePoints:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[str, int], bytes] = OrderedDict()
+        self._kept: OrderedDict[tuple[Piece, int, tuple[tuple[str, int], ...]], bytes] = OrderedDict()
         self._bytes = 0
 
     def packed(self, shelved: ShelvedMap, tile: Piece) -> bytes:
@@ -40,7 +40,8 @@ class TilePoints:
         Raises SourceError if the tile cannot be read, or has more than MOST_DECODED points; DecodeError.
         """
         head = shelved.manifest.about.head
-        key = tile.hash, head.step_um
+        # Not by its hash alone: another map may have the same bytes at another place, or read them otherwise.
+        key = tile, head.step_um, tuple(head.columns.items())
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)

@@ -149,10 +149,14 @@ def test_a_tile_of_another_place_is_not_drawn(folder):
                 data = original.read(other.size)
             writer.append(at.x, at.y, data, points_in(data))
         writer.close(town.path, town.length_m)
-    moved = ShelvedMap("moved", folder / "moved.lcmap")
+    town, moved = (ShelvedMap(name, folder / f"{name}.lcmap") for name in ("town", "moved"))
+    drawn = TilePoints()
+    for tile in town.manifest.tiles[:2]:
+        drawn.packed(town, tile)  # what is kept of it is of its place alone
     for tile in moved.manifest.tiles:
-        with pytest.raises(SourceError, match="the tile of another place"):
-            TilePoints().packed(moved, tile)
+        for points in (TilePoints(), drawn):
+            with pytest.raises(SourceError, match="the tile of another place"):
+                points.packed(moved, tile)
 
 
 def test_points_are_thinned_where_there_are_too_many(folder, monkeypatch):
