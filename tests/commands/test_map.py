@@ -6,8 +6,12 @@ import signal
 import numpy as np
 import pytest
 
+from lidarcodec.commands.map.build import Asked
+from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.rigid import exp_so3, invert, log_so3, moved
+from lidarcodec.maps.build import MapBuilder
 from lidarcodec.maps.file import read_map
+from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, start, the_one_line
 from tests.transport.test_contract import eventually
@@ -167,3 +171,21 @@ def test_a_build_that_was_stopped_goes_on_and_makes_the_same_map(tmp_path):
     words[4] = tmp_path / "at-once.lcmap"
     assert run_here(*words).returncode == 0
     assert (tmp_path / "at-once.lcmap").read_bytes() == (tmp_path / "street.lcmap").read_bytes()
+
+
+@pytest.mark.parametrize("changes", ["mounts.yaml", "drive_db.xml", "drive.json", "drive.pcap"])
+def test_a_build_does_not_go_on_with_other_inputs(tmp_path, changes):
+    """One half of the map had the old mounting or calibration, and the other half the new one."""
+    for name in ("mounts.yaml", "drive_db.xml", "drive.json", "drive.pcap"):
+        (tmp_path / name).write_bytes(b"before")
+    asked = Asked(
+        [str(tmp_path / "drive.pcap")], tmp_path / "town.lcmap", poses=[], origin=None, step_m=0.02, least_seen=2,
+        every=1, frames=None, skip=0, calibration=None, mounts=[f"{tmp_path / 'mounts.yaml'}#roof"],
+    )  # fmt: skip
+    (tmp_path / "building").mkdir()
+    kept = KeptBuild(tmp_path / "building", asked.decides())
+    kept.save(MapBuilder(tmp_path / "building", 20_000))
+    assert KeptBuild(tmp_path / "building", asked.decides()).saved, "nothing has changed"
+    (tmp_path / changes).write_bytes(b"and after")
+    with pytest.raises(SettingsError, match="a build of other drives"):
+        KeptBuild(tmp_path / "building", asked.decides())

@@ -29,6 +29,7 @@ from lidarcodec.maps.geodesy import utm_of
 from lidarcodec.maps.joining import Joined, Joining, Start
 from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.maps.points import MapFrame
+from lidarcodec.sensors.find import beside, stem_of
 from lidarcodec.sources.mounts import Mounted
 
 log = logging.getLogger(__name__)
@@ -60,9 +61,13 @@ class Asked:
     starts: list[str] = field(default_factory=list)
 
     def decides(self) -> dict[str, Any]:
-        """All that decides what the map will hold, with the size and the time of the inputs."""
-        inputs = [*(Path(source.partition("?")[0]) for source in self.sources), *self.poses, self.calibration]
-        inputs += map(Path, self.mounts)  # a file, or numbers
+        """All that decides what the map will hold, with the size and the time of the inputs, and of what lies beside
+        them: calibrations, metadata."""
+        sources = [Path(source.partition("?")[0]) for source in self.sources]
+        inputs = [*sources, *self.poses, self.calibration]
+        inputs += (Path(mount.rpartition("#")[0] or mount) for mount in self.mounts)  # FILE, FILE#SENSOR, or numbers
+        for source in sources:
+            inputs += [*beside(source), source.parent / f"{stem_of(source)}.json"]
         files = [None if path is None or not path.exists() else _version(path) for path in inputs]
         own = {key: value for key, value in asdict(self).items() if key != "out"}
         return {
