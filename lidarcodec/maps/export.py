@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.maps.geodesy import wkt_of
 from lidarcodec.maps.points import MapPoints
 
 ENDINGS: Final = (".pcd", ".ply", ".las")
@@ -77,6 +78,10 @@ def _las(points: MapPoints, path: Path) -> None:
     if (points.steps - least).max() >= 1 << 31:
         raise SettingsError("the points of this map are too far apart for .las: write .ply")
     header.offsets = least * points.step_m
+    header.global_encoding.wkt = True  # LAS 1.4 asks for it with this point format, even in a local frame
+    if points.frame.zone:
+        wkt = wkt_of(points.frame.zone, south=points.frame.south)
+        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
     las = laspy.LasData(header)
     las.X, las.Y, las.Z = (points.steps - least).T.astype(np.int32)
     las.write(path)

@@ -41,3 +41,29 @@ def utm_of(latitude: float, longitude: float) -> tuple[float, float, int, float]
         zone,
         convergence,
     )
+
+
+def wkt_of(zone: int, *, south: bool = False) -> str:
+    """A zone of UTM as OGC WKT 1, the text that LAS 1.4 has for a coordinate reference system.
+
+    >>> wkt_of(32)[:32], wkt_of(33, south=True)[-26:]
+    ('PROJCS["WGS 84 / UTM zone 32N",G', 'AUTHORITY["EPSG","32733"]]')
+    """
+    degrees = (
+        f'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",{RADIUS_M:.0f},{1 / FLATTENING:.9f},'
+        'AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],'
+        'UNIT["degree",0.0174532925199433,AUTHORITY["EPSG","9122"]],AUTHORITY["EPSG","4326"]]'
+    )
+    values = {
+        "latitude_of_origin": 0,
+        "central_meridian": zone * 6 - 183,
+        "scale_factor": SCALE,
+        "false_easting": 500_000,
+        "false_northing": 10_000_000 if south else 0,
+    }
+    parameters = "".join(f'PARAMETER["{name}",{value}],' for name, value in values.items())
+    return (
+        f'PROJCS["WGS 84 / UTM zone {zone}{"S" if south else "N"}",{degrees},PROJECTION["Transverse_Mercator"],'
+        f'{parameters}UNIT["metre",1,AUTHORITY["EPSG","9001"]],AXIS["Easting",EAST],AXIS["Northing",NORTH],'
+        f'AUTHORITY["EPSG","{32_700 + zone if south else 32_600 + zone}"]]'
+    )

@@ -1,11 +1,13 @@
 """Maps for other programs lie where they are, however far from zero, or are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.maps.export import export
-from lidarcodec.maps.points import MapPoints
+from lidarcodec.maps.points import MapFrame, MapPoints
 
 NORTH = 5_427_629.217
 
@@ -37,3 +39,22 @@ def test_points_that_are_too_far_apart_for_las_are_refused(tmp_path):
     assert not path.exists()
     export(points_at(NORTH, NORTH + 2000), path, ".las")
     assert np.abs(laspy.read(path).y - (NORTH, NORTH + 2000)).max() < 1e-3
+
+
+@pytest.mark.parametrize(("south", "code", "northing"), [(False, "32632", "0"), (True, "32732", "10000000")])
+def test_a_map_in_utm_says_in_las_in_which_zone_it_is(tmp_path, south, code, northing):
+    """Else a program for maps asks where the points are, or draws them elsewhere."""
+    laspy = pytest.importorskip("laspy")
+    path, local = tmp_path / "map.las", tmp_path / "local.las"
+    points = points_at(NORTH, NORTH + 2)
+    export(replace(points, frame=MapFrame(32, south)), path, ".las")
+    export(points, local, ".las")
+    las = laspy.read(path)
+    assert las.header.global_encoding.wkt
+    [found] = las.header.vlrs.get("WktCoordinateSystemVlr")
+    assert found.string.startswith(f'PROJCS["WGS 84 / UTM zone 32{"S" if south else "N"}",GEOGCS["WGS 84",')
+    assert found.string.endswith(f'AUTHORITY["EPSG","{code}"]]')
+    assert 'PARAMETER["central_meridian",9],' in found.string
+    assert f'PARAMETER["false_northing",{northing}],' in found.string
+    assert found.string.count("[") == found.string.count("]")
+    assert laspy.read(local).header.vlrs.get("WktCoordinateSystemVlr") == []
