@@ -22,6 +22,7 @@ from typing import IO, Any, Final
 import yaml
 
 from lidarcodec import wire
+from lidarcodec.cloud import Returns
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
@@ -109,10 +110,15 @@ class RosbagWriter(McapFile):
             data = scan_of(packets, self.frame_id)
             self._add(self._packets_topic, ros.VELODYNE_SCAN, packets[-1].stamp_ns, data)
 
-    def write_cloud(self, frame: Frame) -> None:
-        """Add the points of a frame, its pose if it has one, and its mounting when it is new. Raises OSError."""
+    def write_cloud(self, frame: Frame, returns: Returns = "first") -> None:
+        """Add the points of a frame, its pose if it has one, and its mounting when it is new. Raises OSError.
+
+        returns: `all` for second returns, too, and a field `return_number`
+        """
         self._place(frame.stamp_ns, frame.pose, frame.mount)
-        self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
+        self._add(
+            self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id, returns=returns)
+        )
 
     def write_message(self, stamp_ns: int, payload: bytes) -> None:
         """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it. One of ROS 1 becomes one

@@ -13,6 +13,7 @@ import yaml
 import lidarcodec
 from lidarcodec.commands.outputs.base import NARROW
 from lidarcodec.errors import UnknownNameError
+from lidarcodec.sensors.clouds.message import read_message
 from tests.command_line import run_here, the_one_line
 
 SWEEP = pytest.mark.sweep
@@ -120,12 +121,31 @@ def test_all_returns_are_written_with_their_number(tmp_path):
     assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
 
 
+def test_clouds_for_viewers_have_all_returns_with_their_number(tmp_path):
+    """RViz and Foxglove showed first returns alone, whatever --returns said."""
+    frames = list(lidarcodec.read_frames(DUAL))
+    both = [frame.cloud("all") for frame in frames]
+    for name in ("a.mcap", "bag"):
+        found = done("convert", DUAL, tmp_path / name, "--as", "clouds", "--returns", "all")
+        assert found["points"] == sum(map(len, both))
+        assert "second_returns_left_out" not in found
+        path = tmp_path / name if name.endswith("mcap") else tmp_path / name / f"{name}_0.mcap"
+        with path.open("rb") as file:
+            sent = [read_message(one.data) for _, _, one in mcap.reader.make_reader(file).iter_messages("/points")]
+        assert len(sent) == len(both)
+        for message, cloud in zip(sent, both, strict=True):
+            assert np.array_equal(message.values("return_number"), cloud["return_number"])
+            assert np.array_equal(message.values("z"), cloud["z"])
+    refused = run_here("convert", DUAL, tmp_path / "b", "--as", "clouds", "--returns", "all", "--region", "0,0,0,1,1,1")
+    assert the_one_line(refused).count("--region is only for files of points") == 1
+
+
 @pytest.mark.parametrize("name", ["scans", "a.e57", "a.npz"])
 def test_all_returns_are_refused_where_they_could_not_be_told_apart(tmp_path, name):
     words = ("--as", "kitti") if name == "scans" else ()
     refused = run_here("convert", DUAL, tmp_path / name, *words, "--returns", "all")
     assert refused.returncode == 2
-    assert "--returns all" in the_one_line(refused) or "use .ply, .pcd, .las, .laz or .csv" in the_one_line(refused)
+    assert "--returns all" in the_one_line(refused) or "use .ply, .pcd, .las, .laz, .csv" in the_one_line(refused)
     with pytest.raises(UnknownNameError, match="choose one of first, all"):
         next(iter(lidarcodec.read_frames(DUAL))).cloud("last")
     assert "choose one of first, all" in the_one_line(run_here("convert", DUAL, tmp_path / "a.ply", "--returns", "2"))
@@ -138,7 +158,7 @@ def test_second_returns_that_are_left_out_are_counted(tmp_path, caplog):
     found = done("convert", spec, tmp_path / "a.ply")
     assert found["second_returns_left_out"] == second > 0
     said = run_here("convert", spec, tmp_path / "clouds.mcap", "--as", "clouds").stdout
-    assert said.rstrip().endswith(f"points, {second:,} second returns left out")
+    assert f"{second:,} second returns left out (--returns all writes them)" in said
     said = run_here("convert", spec, tmp_path / "c.ply").stdout
     assert f"{second:,} second returns left out (--returns all writes them)" in said
     lidarcodec.write_frames(frames, tmp_path / "b.ply")

@@ -106,7 +106,7 @@ def _frames(
     found = iter(watched)
     first = _first(found, store, arguments)
     form, count, second = form_of(out, folder=FOLDER, each=SCANS), 0, 0
-    with opened(out, form, output.beside) as writer:
+    with opened(out, form, output.beside, returns=placing.returns) as writer:
         for commit, frame in chain((first,), found):
             _same_stream(first[0], commit)
             writer.write(frame, placing.points(frame) if form.points else NO_CLOUD)

@@ -70,7 +70,7 @@ class Wanted:
 
     def check(self) -> None:
         """Raise SettingsError or MissingExtraError for what cannot be written, before anything is read."""
-        given = self.placing.given
+        given = self.placing.placed if self.form.is_bag else self.placing.given
         if given and not self.form.points:
             raise SettingsError(
                 f"{given} is only for files of points, such as .ply: {self.form.name} is written without it"
@@ -262,7 +262,7 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
             source.say()
             raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
         written = _Written(posed=source.posed)
-        with opened(wanted.out, wanted.form, output.beside, wanted.names) as writer:
+        with opened(wanted.out, wanted.form, output.beside, wanted.names, wanted.placing.returns) as writer:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
                 tick()
@@ -288,10 +288,11 @@ def _put(writer: Output, frame: Frame, wanted: Wanted, written: _Written) -> Non
     written.frames += 1
     written.model, written.posed = frame.sensor.model, written.posed or frame.pose is not None
     written.returns, written.columns = written.returns + frame.points, written.columns + frame.width
-    written.points += len(cloud) if wanted.form.points else frame.points
+    second = second_returns(frame) if wanted.form.first_returns else 0
+    all_of = frame.points + second * (wanted.placing.returns == "all")
+    written.points += len(cloud) if wanted.form.points else all_of
     written.positions += positions_in(frame)
-    if wanted.form.first_returns and wanted.placing.returns == "first":
-        written.second_returns += second_returns(frame)
+    written.second_returns += second * (wanted.placing.returns == "first")
 
 
 def _without_points(name: str, out: Path, model: str, written: _Written) -> SourceError:
@@ -324,7 +325,7 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     packets = "" if written.packets is None else f", {counted(written.packets, 'packet')}"
     text = f"{kept}: {counted(written.frames, 'frame')}{packets}{files}, {counted(written.points, 'point')}"
     if written.second_returns:
-        text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered * wanted.form.points)}"
+        text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered)}"
     text += positions_text(wanted.out, written.positions, written.model)
     if wanted.form.points and written.frames > 1 and not folder and not wanted.placing.merge:
         text += f". {APART}{BY_POSES * written.posed}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+from lidarcodec.cloud import Returns
 from lidarcodec.commands.outputs.base import USUAL, BagNames, Cloud
 from lidarcodec.frame import Frame
 from lidarcodec.recording import RosbagWriter
@@ -19,9 +20,11 @@ class BagOutput:
     """A bag of ROS 2 with a `sensor_msgs/PointCloud2` a frame: the very message where the frame was one.
 
     path: of its file, or its folder, which exists;  folder: the name that the folder will have
+    returns: the first return of each beam, or all, with a field `return_number`
     """
 
-    def __init__(self, path: Path, names: BagNames = USUAL, *, folder: str = "") -> None:
+    def __init__(self, path: Path, names: BagNames = USUAL, *, folder: str = "", returns: Returns = "first") -> None:
+        self._returns = returns
         self._folder = path if folder else None
         self._file = path / f"{folder}_0.mcap" if folder else path
         self._frame_id = names.frame_id
@@ -33,7 +36,7 @@ class BagOutput:
             self._writer.write_message(frame.stamp_ns, payload_of(frame))
             return
         self._writer.frame_id = self._frame_id or frame_id_of(frame.sensor.model)
-        self._writer.write_cloud(frame)
+        self._writer.write_cloud(frame, self._returns)
 
     def close(self) -> None:
         self._writer.close()

@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, cast
 
+from lidarcodec.cloud import Returns
 from lidarcodec.commands.outputs.base import USUAL, BagNames, Output
 from lidarcodec.commands.outputs.folder import FolderOutput
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
@@ -144,9 +145,9 @@ def check_output(path: Path, form: Form, *, force: bool = False) -> None:
 
 def check_returns(form: Form, returns: str) -> None:
     """Raise SettingsError if all returns are asked for and a point in this format cannot say which one it is."""
-    if returns == "all" and form.first_returns and not (form.points and form.numbered):
+    if returns == "all" and form.first_returns and not form.numbered:
         raise SettingsError(
-            f"all returns cannot be written as {form.name}: use .ply, .pcd, .las, .laz or .csv", "returns"
+            f"all returns cannot be written as {form.name}: use .ply, .pcd, .las, .laz, .csv or --as clouds", "returns"
         )
 
 
@@ -157,22 +158,25 @@ def contents_of(path: Path, form: Form) -> re.Pattern[str] | None:
     return BAG_FILES if form.is_bag else FOLDER_FILES
 
 
-def open_output(path: Path, form: Form, beside: Path, names: BagNames = USUAL) -> Output:
-    """The output of this format, written to `beside`. names: in a bag
+def open_output(path: Path, form: Form, beside: Path, names: BagNames = USUAL, returns: Returns = "first") -> Output:
+    """The output of this format, written to `beside`. names: in a bag;  returns: those in a bag; other formats get them
+    as clouds
 
     Raises OSError if it cannot be written.
     """
     if form.is_bag:
         from lidarcodec.commands.outputs.bag import BagOutput
 
-        return BagOutput(beside, names, folder="" if suffix(path) else path.name)
+        return BagOutput(beside, names, folder="" if suffix(path) else path.name, returns=returns)
     return form.open(beside) if suffix(path) else FolderOutput(beside, form.ending, form.open)
 
 
 @contextmanager
-def opened(path: Path, form: Form, beside: Path, names: BagNames = USUAL) -> Iterator[Output]:
+def opened(
+    path: Path, form: Form, beside: Path, names: BagNames = USUAL, returns: Returns = "first"
+) -> Iterator[Output]:
     """The open output of `open_output`. It is completed at the end; after an error its files are only closed."""
-    writer = open_output(path, form, beside, names)
+    writer = open_output(path, form, beside, names, returns)
     try:
         yield writer
     except BaseException:

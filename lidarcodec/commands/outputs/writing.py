@@ -51,12 +51,16 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
         raise SourceError(f"there are no frames: {path} was not written")
     points = second = 0
     contents = contents_of(path, form)
-    with whole(path, force=force, contents=contents) as output, opened(path, form, output.beside) as writer:
+    with (
+        whole(path, force=force, contents=contents) as output,
+        opened(path, form, output.beside, returns=returns) as writer,
+    ):
         for frame in chain((first,), rest):
             cloud = frame.cloud(returns) if form.points else NO_CLOUD
             writer.write(frame, cloud)
-            points += len(cloud) if form.points else frame.points
-            second += second_returns(frame) if form.first_returns and returns == "first" else 0
+            twice = second_returns(frame) if form.first_returns else 0
+            points += len(cloud) if form.points else frame.points + twice * (returns == "all")
+            second += twice * (returns == "first")
     if second:
         log.warning("%s: %s", path, second_returns_text(second))
     return points

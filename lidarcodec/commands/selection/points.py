@@ -66,11 +66,15 @@ class Placing:
     @property
     def given(self) -> str:
         """Names of the options that were given; empty if there are none."""
+        return ", ".join(filter(None, (self.placed, "--returns all" * (self.returns == "all"))))
+
+    @property
+    def placed(self) -> str:
+        """Names of those that move or cut points."""
         names = {
             "--region": self.region is not None,
             "--transform": self.moved and not self.merge,
             "--merge": self.merge,
-            "--returns all": self.returns == "all",
         }
         return ", ".join(name for name, there in names.items() if there)
 
