@@ -29,8 +29,10 @@ void print(const Session& session, const lidarcodec_frame& frame, const lidarcod
   }
   const std::vector<lidarcodec_field> fields = fields_of(session);
   for (size_t place = 0; place < fields.size(); ++place) {
+    const std::string name = fields[place].name;
+    if (name == "x" || name == "y" || name == "z") continue;  // printed already
     const std::vector<double> values = values_of(session, fields, place);
-    std::cout << ", " << fields[place].name;
+    std::cout << ", " << name;
     for (uint32_t i = 0; i < fields[place].count; ++i)
       std::cout << " " << values[size_t{point.cell} * fields[place].count + i];
   }

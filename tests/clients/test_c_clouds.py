@@ -157,3 +157,5 @@ def test_a_program_prints_the_fields_of_a_point(programs: Path) -> None:
     assert said.decode().startswith(f"frame 3 of a {frame.sensor.name}: {len(frame.cloud())} points, the first at ")
     for name in ("intensity", "reflectivity", "ambient", "t"):
         assert f", {name} {first[name]:g}" in said.decode()
+    for axis in "xyz":  # once, not as fields of the message again
+        assert f", {axis} " not in said.decode()
