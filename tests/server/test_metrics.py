@@ -178,11 +178,15 @@ RATE = {
          {"kept_ratio": 0.09}),
         ({"rate": RATE | {"intensity": "many", "step": 0, "max_error_m": "x"}, "reduction": 5}, None, "of tomorrow",
          {"target_kbps": 800}),
+        ({"path": {"capacity_kbps": 9000.0, "sustained_kbps": 2000.0, "share": 0.65}}, None, None,
+         {"path_kbps": 9000, "path_sustained_kbps": 2000}),
+        ({"path": {"capacity_kbps": None, "sustained_kbps": None}}, None, None, {"kept_ratio": 1}),
     ],
 )  # fmt: skip
 def test_what_bits_are_spent_on_is_told_as_far_as_it_is_known(status, settings, codec, told):
     found = gauges_of(status, settings, codec)
     assert told.items() <= found.items()
+    assert {name for name in found if name.startswith("path_")} == {name for name in told if name.startswith("path_")}
     if settings is not None or codec == "of tomorrow":
         assert set(found) - set(told) <= {"target_missed"} or "reduction" in status
 

@@ -1,4 +1,5 @@
-"""Gauges for Prometheus about the bits of a stream: target, error bound, share of returns, intensity levels.
+"""Gauges for Prometheus about the bits of a stream: target, what its path carries, error bound, share of returns,
+intensity levels.
 
 A gauge has no sample if the stream does not report the value or its codec does not have it.
 
@@ -20,6 +21,8 @@ SPENDING: Final = {
     "target_missed": "1 while the target bitrate is missed. 0 if everything is sent exactly with fewer bits.",
     "bound_meters": "Largest error of a range, in force; 0 is exact. For codecs with an error bound.",
     "kept_ratio": "Share of the measured returns that is sent, in frames that are sent.",
+    "path_kbps": "What the path carries, as single messages show it.",
+    "path_sustained_kbps": "What the path carries for long. No sample while nothing shows that it lets bursts through.",
     "intensity_levels": "Number of intensity values that are sent: 256 is exact, 0 is none.",
 }
 """Metric, without `lidarcodec_stream_`: help."""
@@ -27,11 +30,13 @@ SPENDING: Final = {
 
 def gauges_of(status: dict[str, Any], settings: StreamSettings | None, codec: str | None = None) -> dict[str, float]:
     """The gauges from a stream's last status. codec: the codec in force"""
-    rate = status.get("rate")
+    rate, path = status.get("rate"), status.get("path")
     found = {
         "target_kbps": number_in(rate, "target_kbps"),
         "target_missed": _missed(rate),
         "bound_meters": _bound(rate, settings, codec),
+        "path_kbps": number_in(path, "capacity_kbps"),
+        "path_sustained_kbps": number_in(path, "sustained_kbps"),
         "kept_ratio": _kept(rate, status.get("reduction")),
         "intensity_levels": _levels(rate, settings),
     }

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { bytes, clock, kbps, label, moment, ms, ordinal, plain, span } from "./format";
+import { bytes, carried, clock, kbps, label, moment, ms, ordinal, plain, span } from "./format";
 
 test("figures are short, and a dash stands for what is not known", () => {
   expect([kbps(null), kbps(3120.4), kbps(12_400)]).toEqual(["–", "3,120", "12,400"]);
@@ -36,4 +36,12 @@ test("which column is sent is said in English", () => {
     "21st",
     "32nd",
   ]);
+});
+
+test("what the path carries is told, for long where that is less", () => {
+  expect(carried({ capacity_kbps: 9000.4, sustained_kbps: 2100 })).toBe(
+    "The path carries 2,100 kbit/s for long; bursts pass at 9,000.",
+  );
+  expect(carried({ capacity_kbps: 9000, sustained_kbps: null })).toBe("The path carries 9,000 kbit/s.");
+  expect([carried({ capacity_kbps: null, sustained_kbps: null }), carried(undefined)]).toEqual(["", ""]);
 });

@@ -1,4 +1,5 @@
 /** Values as text. A dash means unknown. */
+import type { PathStatus } from "./wire";
 
 export const NONE = "–";
 
@@ -80,4 +81,11 @@ export function listOf(settings: Record<string, unknown>): string {
 export function ordinal(value: number): string {
   const last = value % 100 > 10 && value % 100 < 14 ? 0 : value % 10;
   return `${value}${["th", "st", "nd", "rd"][last] ?? "th"}`;
+}
+
+/** What a path carries, in a sentence; nothing while it is not known. */
+export function carried(path: PathStatus | undefined): string {
+  const { capacity_kbps: burst, sustained_kbps: sustained } = path ?? {};
+  if (sustained != null) return `The path carries ${kbps(sustained)} kbit/s for long; bursts pass at ${kbps(burst)}.`;
+  return burst == null ? "" : `The path carries ${kbps(burst)} kbit/s.`;
 }

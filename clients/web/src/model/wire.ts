@@ -35,6 +35,14 @@ export interface FleetRow {
 export type Value = string | number | boolean | null | { [name: string]: Value } | Value[];
 export type Settings = Record<string, Value>;
 
+/** What a path carries, in kbit/s; null while it is not known. */
+export interface PathStatus {
+  /** As single messages show it. */
+  capacity_kbps?: number | null;
+  /** For long, where the path lets bursts through. */
+  sustained_kbps?: number | null;
+}
+
 export interface RateStatus {
   auto?: boolean;
   target_kbps?: number | null;
@@ -69,6 +77,7 @@ export interface Stream {
     codec?: string;
     codec_choice?: { because?: string } | null;
     rate?: RateStatus | null;
+    path?: PathStatus;
     left_out?: number;
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
     sensor_model?: { note?: string | null };

@@ -1,5 +1,5 @@
 import { differences } from "../model/draft";
-import { count, kbps, ordinal, plain } from "../model/format";
+import { carried, count, kbps, ordinal, plain } from "../model/format";
 import type { Settings, SettingsState, Stream } from "../model/wire";
 
 /** The settings in force, the target bitrate, and differences from the wanted settings. */
@@ -8,6 +8,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
   const bound = applied?.base_error_m ?? applied?.max_error_m; // the page takes no refinements
   const rate = stream?.status?.rate;
   const reduction = stream?.status?.reduction;
+  const path = carried(stream?.status?.path);
   const preparing = stream?.status?.preparing;
   const wanted = state?.desired && state.applied ? differences(state.applied, state.desired) : [];
   return (
@@ -34,6 +35,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
             `; this scene allows ${kbps(rate.reachable_kbps[0])} to ${kbps(rate.reachable_kbps[1])}`}
         </p>
       )}
+      {stream?.alive !== false && path !== "" && <p>{path}</p>}
       {rate?.step !== undefined && rate.step > 1 && (
         <p>
           Only every {ordinal(rate.step)} column is sent. Where a surface continues, the points between are
