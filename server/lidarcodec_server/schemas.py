@@ -218,6 +218,7 @@ class CodecAnswer(BaseModel):
     name: str
     bound: bool = Field(description="Whether the codec supports `max_error_m`.")
     target: bool = Field(description="Whether the codec supports `target_kbps`.")
+    clouds: bool = Field(description="Whether it takes point clouds that a driver made.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
     reach: Reach | None = Field(description="Null if the codec supports no target, or was not measured.")
 

@@ -10,6 +10,9 @@ from itertools import pairwise
 import pytest
 
 from lidarcodec.codecs import table
+from lidarcodec.codecs.other_sensors import check_for
+from lidarcodec.errors import SettingsError
+from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server import openapi, problems
 from lidarcodec_server.app import create_app
@@ -99,6 +102,11 @@ async def test_every_codec_says_what_it_takes_and_reaches(serving):
         assert set(its) == set(codec.settings.model_fields)
         assert all(one["description"] for one in its.values()), "a form that does not say what a field does"
         assert about["bound"] == codec.bounded
+        if about["clouds"]:
+            check_for(cloud_sensor([]), StreamSettings(codec=name))
+        else:
+            with pytest.raises(SettingsError, match="takes no point clouds"):
+                check_for(cloud_sensor([]), StreamSettings(codec=name))
     low, high = found["pcodec"]["reach"]["range_kbps"]
     assert 0 < low < high < 40_000
     assert found["raw"]["reach"] is None

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Codec
+from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.network.shelf import shipped
 from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, Pins, has_curve, operating_curve
 from lidarcodec_server.auth import Viewer
@@ -62,6 +63,7 @@ def _answer(name: str) -> CodecAnswer:
         name=name,
         bound=codec.bounded,
         target=codec.knob is not None,
+        clouds=name in KINDS,
         settings_schema=codec.settings.model_json_schema(),
         reach=_reach(name, codec),
     )

@@ -18,6 +18,7 @@ const codec = (name: string, bound: boolean, target: boolean): Codec => ({
   name,
   bound,
   target,
+  clouds: false,
   settings_schema: {},
   reach: null,
 });

@@ -1,5 +1,16 @@
 import { expect, test } from "vitest";
-import { type Field, fieldOf, fieldsOf, limitsOf, numberIn, same } from "./schema";
+import {
+  codecsOfClouds,
+  type Field,
+  fieldOf,
+  fieldsOf,
+  hindranceOfCloud,
+  isCloud,
+  limitsOf,
+  numberIn,
+  same,
+} from "./schema";
+import type { Codec, Stream } from "./wire";
 
 test("a schema gets the control that its values need", () => {
   expect(fieldOf({ type: "boolean" }).kind).toBe("switch");
@@ -41,4 +52,25 @@ test("a setting that is new is shown, and a codec has its own place", () => {
   const properties = { codec: {}, codec_settings: {}, target_kbps: {}, framing: { more: true }, brand_new: {} };
   expect(fieldsOf({ properties })).toEqual({ first: ["target_kbps", "brand_new"], more: ["framing"] });
   expect(fieldsOf(null)).toEqual({ first: [], more: [] });
+});
+
+const stream = (model: string) => ({ status: { sensor_model: { model } } }) as Stream;
+const codec = (name: string, clouds: boolean) => ({ name, clouds }) as Codec;
+
+test("streams of point clouds are known by their model", () => {
+  expect([isCloud(stream("pointcloud2")), isCloud(stream("vlp16")), isCloud(null)]).toEqual([true, false, false]);
+});
+
+test("what the vehicle would refuse cannot be set, but what is set can be taken back", () => {
+  expect(hindranceOfCloud("target_kbps", null, { free: null })).toMatch("cannot keep a target bitrate");
+  expect(hindranceOfCloud("reduction", "auto", { free: "auto" })).toMatch("All points");
+  expect(hindranceOfCloud("reduction", "voxel", { free: "auto" })).toBeUndefined();
+  expect(hindranceOfCloud("target_kbps", 800, { free: null })).toBeUndefined();
+  expect(hindranceOfCloud("max_error_m", null, { free: null })).toBeUndefined();
+});
+
+test("codecs that take no point clouds are not offered", () => {
+  const all = [codec("pcodec", true), codec("jpeg", false)];
+  expect(codecsOfClouds({ enum: ["auto", "pcodec", "jpeg"] }, all).enum).toEqual(["auto", "pcodec"]);
+  expect(codecsOfClouds({ examples: ["auto", "jpeg"] }, all).examples).toEqual(["auto"]);
 });

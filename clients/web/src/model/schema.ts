@@ -1,5 +1,5 @@
 /** Forms from JSON schemas: the control for a setting, and the value of its text. */
-import type { Schema, Value } from "./wire";
+import type { Codec, Schema, Stream, Value } from "./wire";
 
 export type Field =
   | { kind: "switch" }
@@ -74,4 +74,34 @@ export function same(a: Value | undefined, b: Value | undefined): boolean {
   const names = new Set([...Object.keys(a), ...Object.keys(b)]);
   const [left, right] = [a as Record<string, Value>, b as Record<string, Value>];
   return [...names].every((name) => name in left && name in right && same(left[name], right[name]));
+}
+
+const AUTO = "auto";
+/** Settings that a vehicle refuses for streams of point clouds, and why. */
+const HINDRANCES: Record<string, string> = {
+  target_kbps: "A point cloud cannot keep a target bitrate. A larger max error sends less.",
+  reduction: "All points of a point cloud are sent.",
+  intensity: "The fields of a point cloud travel as they are.",
+  base_error_m: "A point cloud has no layers.",
+};
+
+/** Whether a stream is of point clouds that a driver made. */
+export function isCloud(stream: Stream | null): boolean {
+  return stream?.status?.sensor_model?.model === "pointcloud2";
+}
+
+/** Why the vehicle would refuse another value; undefined if it takes some. A value that it refuses can be changed. */
+export function hindranceOfCloud(field: string, value: Value, schema: Schema | undefined): string | undefined {
+  return value === null || same(value, schema?.free) ? HINDRANCES[field] : undefined;
+}
+
+/** The schema of the setting `codec` with the codecs that take point clouds. */
+export function codecsOfClouds(schema: Schema, codecs: Codec[]): Schema {
+  const takes = (name: Value) => name === AUTO || codecs.some((one) => one.name === name && one.clouds);
+  const { enum: names, examples } = schema;
+  return {
+    ...schema,
+    ...(names && { enum: names.filter(takes) }),
+    ...(examples && { examples: examples.filter(takes) }),
+  };
 }

@@ -80,7 +80,7 @@ export interface Stream {
     path?: PathStatus;
     left_out?: number;
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
-    sensor_model?: { note?: string | null };
+    sensor_model?: { model?: string; note?: string | null };
     preparing?: string | null;
     /** What the vehicle keeps; null if it keeps nothing. */
     past?: object | null;
@@ -134,6 +134,8 @@ export interface Codec {
   name: string;
   bound: boolean;
   target: boolean;
+  /** Whether it takes point clouds that a driver made. */
+  clouds: boolean;
   settings_schema: Schema;
   reach: { setting: string; range_kbps: [number, number] } | null;
 }

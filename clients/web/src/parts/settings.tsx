@@ -16,7 +16,7 @@ import {
 } from "../model/draft";
 import { type Outcome, outcomeOf, sentenceOf } from "../model/outcome";
 import { type Poller, poll } from "../model/poll";
-import { fieldsOf } from "../model/schema";
+import { codecsOfClouds, fieldsOf, hindranceOfCloud, isCloud } from "../model/schema";
 import type { Change, Codec, Settings, SettingsState, Value } from "../model/wire";
 import {
   call,
@@ -138,8 +138,10 @@ export function SettingsForm({ name }: { name: string }) {
 
   const problemAt = (field: string) =>
     outcome.value.kind === "refused" && outcome.value.field === field ? outcome.value.text : null;
+  const cloud = isCloud(stream.value);
   const fieldFor = (field: string) => {
-    const about = common[field];
+    const found = common[field];
+    const about = found && cloud && field === "codec" ? codecsOfClouds(found, codecs.value) : found;
     const budget = field === "keep_points" || field === "keep_fraction";
     const value = shown(base, edits.value, field);
     const free = about?.free;
@@ -155,7 +157,7 @@ export function SettingsForm({ name }: { name: string }) {
         unset={free === undefined ? undefined : () => set(field, free)}
         edited={field in edits.value}
         disabled={!mayChange.value}
-        hindered={hindranceOf(field, codec)}
+        hindered={(cloud ? hindranceOfCloud(field, value, about) : undefined) ?? hindranceOf(field, codec)}
         problem={problemAt(field)}
         set={(value) => set(field, value)}
       />
@@ -172,7 +174,7 @@ export function SettingsForm({ name }: { name: string }) {
           {session.value?.name} is a viewer. To change settings, sign in with an operator's token.
         </p>
       )}
-      <Links wanted={(name) => shown(base, edits.value, name)} take={take} disabled={!mayChange.value} />
+      {!cloud && <Links wanted={(name) => shown(base, edits.value, name)} take={take} disabled={!mayChange.value} />}
       {fieldFor("codec")}
       {codec?.reach && (
         <p class="help reach">
