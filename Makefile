@@ -92,7 +92,7 @@ faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a runni
 	$(BIN)/python -m tests.failing
 
 sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them, and all random examples (several minutes)
-	LIDARCODEC_EXAMPLES=all $(BIN)/python -m pytest -n $(JOBS) -m "sweep or hypothesis" $(ARGS)
+	LIDARCODEC_EXAMPLES=all $(BIN)/python -m pytest -n $(JOBS) -m "sweep or hypothesis or drawn" $(ARGS)
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
 	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)

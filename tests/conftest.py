@@ -10,12 +10,16 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.sweeps import examples
+
 ROOT = Path(__file__).resolve().parent.parent
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a thread for each core waits busily beside other tests
 # Every HTTP client would read the world's authorities first, for 30 ms, and no test goes there.
 os.environ.setdefault("SSL_CERT_FILE", str(ROOT / "tests" / "nobody.pem"))
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "any machine", deadline=None, max_examples=examples(100), suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("any machine")  # no test fails because the machine is slow
 gc.disable()  # until the tests are collected: nearly all that comes until then stays to the end
 

@@ -1,6 +1,7 @@
 """Cases that take long and show little more than others like them: only `make sweeps` runs them.
 
-`make sweeps` also runs the tests that draw their examples at random, with all of their examples.
+`make sweeps` also runs the tests that draw their examples at random, with all of their examples: those of
+Hypothesis, and those with the marker `drawn`, which draw from a seed of their own.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from lidarcodec.units import RANGE_STEP_M
 from lidarcodec.wire import pack, unpack
 from tests.contracts import frames as made
 from tests.positions import position
+from tests.sweeps import examples
 
 JUMP = round(JUMP_M / RANGE_STEP_M)
 FRAMES = {
@@ -101,12 +102,13 @@ def test_no_section_raises_anything_but_our_own_errors(data: bytes) -> None:
     assert len(lattice.columns) <= lattice.width
 
 
+@pytest.mark.drawn
 def test_damaged_sections_are_refused() -> None:
     encoder = StreamEncoder(StreamSettings(reduction="lattice:4"))
     (message,) = encoder.encode(FRAMES["scene"])
     rng = np.random.default_rng(5)
     good = next(section for section in message.sections if section.type == SectionType.LATTICE)
-    for _ in range(300):
+    for _ in range(examples(300)):
         data = bytearray(good.data)
         data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
         damaged = good._replace(data=bytes(data[: rng.integers(len(data) + 1)] if rng.random() < 0.3 else data))

@@ -14,6 +14,7 @@ from lidarcodec.entropy import plane_coder
 from lidarcodec.entropy.plane_coder import PlaneForm, Unsigned, decode_planes, encode_planes
 from lidarcodec.errors import DecodeError, SectionError, SettingsError, TruncatedError
 from tests.reference import planes as reference
+from tests.sweeps import examples
 
 
 class Form(NamedTuple):
@@ -100,7 +101,7 @@ def check(
     st.sampled_from((1, 1, 3, 11, 501)),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_any_planes_come_back(forms, rows, columns, kind, step, seed) -> None:
     rng = np.random.default_rng(seed)
     shift = rng.integers(-(2**31), 2**31, rows, np.int32) if seed % 2 else np.zeros(rows, np.int32)
@@ -150,7 +151,7 @@ def test_planes_that_are_cut_or_longer_are_refused(kind, quick) -> None:
 
 
 @given(st.binary(max_size=400), st.sampled_from(FRAMES), st.integers(0, 30), st.integers(0, 2**32 - 1))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_damaged_planes_are_refused_or_decode_to_something(tail, forms, columns, seed) -> None:
     rng = np.random.default_rng(seed)
     shift = rng.integers(-9, 9, 5, np.int32)

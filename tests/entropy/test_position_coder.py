@@ -19,6 +19,7 @@ from lidarcodec.side import Position, SideInfo
 from lidarcodec.units import MAX_POSITION_BYTES, MAX_POSITIONS
 from tests import positions
 from tests.fuzz.mutations import mutated
+from tests.sweeps import examples
 
 FRAME = positions.of_frame(348, every=14)
 
@@ -35,7 +36,7 @@ def any_positions(draw: st.DrawFn) -> tuple[Position, ...]:
 
 
 @given(any_positions())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_whatever_comes_comes_back(sent: tuple[Position, ...]) -> None:
     assert decode_positions(encode_positions(sent, host_step_ns=1), 100) == sent
 
@@ -127,12 +128,13 @@ def test_a_bomb_is_refused_by_the_size_that_it_says() -> None:
     tracemalloc.stop()
 
 
+@pytest.mark.drawn
 def test_every_cut_and_any_damage_gives_our_error_or_other_packets() -> None:
     data, rng = encode_positions(FRAME), random.Random(3)
     for size in range(len(data)):
         with pytest.raises(DecodeError):
             decode_positions(data[:size], 348)
-    for _ in range(3000):
+    for _ in range(examples(3000)):
         with suppress(DecodeError):
             came = decode_positions(mutated(data, rng), 348)
             assert sum(len(one.payload) for one in came) <= 1 << 20

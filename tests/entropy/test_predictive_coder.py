@@ -281,6 +281,7 @@ def test_a_firing_beyond_the_pattern_is_refused() -> None:
         predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("quick", [False, True])
 def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error(quick: bool) -> None:
     fired, returns, ranges = all_fired(40), mask(40), scene(40)
@@ -288,7 +289,7 @@ def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error(quick: bool)
     damaged = [data[:cut] for cut in range(len(data))]
     refused = 0
     rng = np.random.default_rng(3)
-    for _ in range(600):
+    for _ in range(examples(600)):
         changed = bytearray(data)
         for at in rng.integers(0, len(data), int(rng.integers(1, 4))):
             changed[at] = int(rng.integers(256))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lidarcodec.entropy import fast, number_series
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from tests.reference import range_coder as reference
+from tests.sweeps import examples
 
 DECISIONS = st.lists(st.tuples(st.integers(0, 1), st.integers(1, 65535)), max_size=300)
 NUMBERS = st.one_of(st.integers(0, 3), st.integers(0, 300), st.integers(0, 2**64 - 1))
@@ -84,7 +85,7 @@ def test_an_encoder_never_begins_with_four_bytes_of_255():
         fast.decode_numbers(b"\xff\xff\xff\xff", [1])
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(st.lists(NUMBERS, max_size=60), max_size=4))
 def test_numbers_native_and_reference_write_the_same_bytes(streams):
     data = fast.encode_numbers([np.array(stream, np.uint64) for stream in streams])
@@ -94,7 +95,7 @@ def test_numbers_native_and_reference_write_the_same_bytes(streams):
     assert [stream.tolist() for stream in fast.decode_numbers(data, counts)] == streams
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.binary(max_size=80), st.lists(st.integers(0, 40), min_size=1, max_size=3))
 def test_numbers_of_any_bytes_are_the_same_or_the_same_error(data, counts):
     try:

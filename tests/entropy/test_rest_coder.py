@@ -16,6 +16,7 @@ from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.packet_rest import MAX_ODD_BYTES, MAX_SERIES, PacketRest
 from lidarcodec.units import MAX_PACKETS
 from tests.fuzz.mutations import mutated
+from tests.sweeps import examples
 
 NAMES = st.text("abcxyz_019", max_size=16)
 NUMBERS = st.sampled_from([np.uint8, np.uint16, np.uint32, np.uint64]).flatmap(
@@ -59,7 +60,7 @@ def test_all_comes_back_and_times_are_rounded_to_the_step(rest: PacketRest, step
     )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(st.binary(max_size=200), st.integers(0, MAX_PACKETS))
 def test_bytes_of_a_stranger_are_decode_errors(data: bytes, packets: int) -> None:
     with contextlib.suppress(DecodeError):
@@ -75,7 +76,7 @@ def test_damaged_bytes_are_decode_errors(rest: PacketRest, seed: int) -> None:
             decode_rest(mutated(data, rng), rest.packets)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=examples(20))
 @given(rests())
 def test_every_cut_and_every_addition_is_damage(rest: PacketRest) -> None:
     data = encode_rest(rest)

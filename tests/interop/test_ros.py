@@ -16,6 +16,7 @@ from lidarcodec.interop.velodyne_scan import packets_of_scan, scan_of
 from lidarcodec.packet import Packet
 from tests.contracts.frames import received, scene
 from tests.packets import turning
+from tests.sweeps import examples
 
 typesys = pytest.importorskip("rosbags.typesys", reason="read back by rosbags (extra `bridges`)")
 
@@ -137,6 +138,7 @@ def test_times_that_ros_cannot_hold_and_other_payloads_are_refused() -> None:
         scan_of([], "")
 
 
+@pytest.mark.drawn
 def test_bad_scans_raise_our_errors_before_memory_is_taken() -> None:
     data = bytearray(scan_of(turning(2), "velodyne"))
     assert packets_of_scan(scan_of(turning(1), "a")[: 4 + 8 + 8] + bytes(4)) == [], "a scan without packets"
@@ -148,7 +150,7 @@ def test_bad_scans_raise_our_errors_before_memory_is_taken() -> None:
     with pytest.raises(DecodeError, match="needs"):
         packets_of_scan(bytes(huge))
     rng = np.random.default_rng(5)
-    for _ in range(400):
+    for _ in range(examples(400)):
         mutant = data.copy()
         for at in rng.integers(0, 60, 3):
             mutant[at] = rng.integers(256)

@@ -19,6 +19,7 @@ from lidarcodec.pipeline import StreamEncoder, check
 from lidarcodec.settings import StreamSettings, settings_from
 from tests.contracts import frames
 from tests.layers.bases import Sent, sent, turn
+from tests.sweeps import examples
 
 ABLE = [name for name in table.names() if table.codec(name).layered]
 
@@ -111,6 +112,7 @@ def test_a_refinement_of_another_base_is_refused() -> None:
     assert not found.add(one)
 
 
+@pytest.mark.drawn
 def test_cut_and_mutated_refinements_change_nothing_or_are_within_the_base() -> None:
     given, rng = sent(intensity="off"), random.Random(3)
     whole = given.refinable.code(0)
@@ -120,7 +122,7 @@ def test_cut_and_mutated_refinements_change_nothing_or_are_within_the_base() -> 
     one = unpack(whole)
     assert one.ranges is not None
     assert one.intensity is not None
-    for _ in range(300):
+    for _ in range(examples(300)):
         ranges, intensity = bytearray(one.ranges), bytearray(one.intensity)
         for part in (ranges, intensity):
             part[rng.randrange(len(part))] ^= 1 << rng.randrange(8)

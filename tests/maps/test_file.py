@@ -21,6 +21,7 @@ from lidarcodec.maps.file import HEAD, HEAD_BYTES, MapReader, read_map, write_ma
 from lidarcodec.maps.points import MapFrame, MapPoints, normals_of, packed_normals
 from lidarcodec.maps.tiles import Tile, decode_tile, encode_tile
 from tests.maps.towns import same_points, street
+from tests.sweeps import examples
 
 TOWN = street()
 BITS = [5, 5, 8]
@@ -58,7 +59,7 @@ def test_equal_maps_give_equal_bytes_in_any_order_of_their_points():
     assert written(TOWN.taken(order)) == written(TOWN)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     st.lists(st.tuples(*[st.integers(0, 2499)] * 3, st.integers(0, 31), st.integers(0, 31), st.integers(0, 255)),
              min_size=1, max_size=60, unique_by=lambda point: point[:3]),
@@ -134,12 +135,13 @@ def test_a_map_with_half_of_a_normal_is_refused(half):
         read(written(MapPoints(TOWN.step_m, TOWN.steps, columns)))
 
 
+@pytest.mark.drawn
 def test_damaged_tiles_with_right_checksums_are_refused_or_decode_to_points_of_the_tile():
     town = street(8.0)
     columns = np.stack(list(town.columns.values())[:3], axis=1)
     data = encode_tile(Tile(0, 0, town.steps[town.steps[:, 1] >= 0], columns[town.steps[:, 1] >= 0]), WIDTH, 0.02, BITS)
     random, decoded = np.random.default_rng(5), 0
-    for _ in range(400):
+    for _ in range(examples(400)):
         body = bytearray(data[4:])
         for _ in range(random.integers(1, 4)):
             body[random.integers(0, min(len(body), 12 if random.random() < 0.5 else len(body)))] = random.integers(

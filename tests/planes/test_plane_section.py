@@ -21,6 +21,7 @@ from lidarcodec.planes.plane_section import (
 )
 from lidarcodec.sensors.images import Plane, Unsigned
 from tests.fuzz.mutations import mutated
+from tests.sweeps import examples
 
 KINDS = tuple(PlaneKind)
 RANGE = Plane("range", 16, "range")
@@ -91,7 +92,7 @@ def test_all_kinds_decode_to_the_same(made, step: int) -> None:
             np.testing.assert_array_equal(other[name], plane)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(st.binary(max_size=120), st.integers(0, 24_576))
 def test_bytes_of_a_stranger_are_decode_errors(data: bytes, columns: int) -> None:
     with contextlib.suppress(DecodeError):

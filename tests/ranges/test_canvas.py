@@ -12,6 +12,7 @@ from lidarcodec.ranges.image.canvas import MAX_OFFSET, MAX_SPAN, Canvas, level_o
 from lidarcodec.ranges.image.canvas_head import HEAD, canvas_of_frame, split_canvas
 from lidarcodec.sensor_model import Calibration, SensorModel
 from tests.contracts import frames
+from tests.sweeps import examples
 
 
 def sensor(**values: object) -> SensorModel:
@@ -19,7 +20,7 @@ def sensor(**values: object) -> SensorModel:
     return SensorModel("HDL-64E", Calibration.from_values(elevation | values))  # type: ignore[arg-type]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 10**6), width=st.integers(1, 60), compact=st.booleans(), multiple=st.sampled_from([1, 8]))
 def test_what_is_laid_out_comes_back(seed: int, width: int, compact: bool, multiple: int) -> None:
     rng = np.random.default_rng(seed)

@@ -16,6 +16,7 @@ from lidarcodec.ranges.firings import FiringCounter
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
 from tests.entropy.frames import sensor
+from tests.sweeps import examples
 
 HOUR_US = 3_600_000_000
 
@@ -65,11 +66,12 @@ def test_without_a_clock_frames_follow_on_each_other() -> None:
     assert counts([stopped[0], replace(stopped[1], side=None), stopped[2]]) == [0, 2088, 4176]
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("most_us", [1, 2, 600, 2000, 2**32])
 def test_any_clock_gives_some_count(most_us: int) -> None:
     rng = np.random.default_rng(1)
     frames = []
-    for i in range(300):
+    for i in range(examples(300)):
         frame = frame_of(np.arange(348 * i, 348 * i + int(rng.integers(1, 7))))
         gps_us = np.cumsum(rng.integers(0, most_us, frame.side.packets) * rng.choice([1, -1, 1, 1], frame.side.packets))
         frames.append(replace(frame, side=replace(frame.side, gps_us=(gps_us % 2**32).astype(np.uint32))))

@@ -20,6 +20,7 @@ from lidarcodec.recording import MESSAGE_ENCODING, RecordingReader, RecordingWri
 from lidarcodec.recording.layout import batches_of, pack_batch, unpack_batch
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
+from tests.sweeps import examples
 
 TENTH = 100_000_000
 
@@ -316,12 +317,13 @@ def test_channels_of_a_damaged_chunk_are_read_in_the_summary() -> None:
     assert reader.counts["damaged"] == 1
 
 
+@pytest.mark.drawn
 def test_mutated_recordings_give_messages_or_nothing() -> None:
     rng = np.random.default_rng(3)
     logging.getLogger("lidarcodec.recording.reader").disabled = True
     try:
         file = recorded(drive(6, 3))
-        for _ in range(600):
+        for _ in range(examples(600)):
             mutant = bytearray(file)
             for _ in range(int(rng.integers(1, 6))):
                 mutant[int(rng.integers(8, len(mutant)))] = int(rng.integers(256))

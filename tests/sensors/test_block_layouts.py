@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from lidarcodec.errors import SectionError
 from lidarcodec.sensors.images import Images
 from lidarcodec.sensors.models.table import block_sensors
+from tests.sweeps import examples
 
 SENSORS = {sensor.name: sensor for sensor in block_sensors()}
 LAYOUTS = {f"{sensor.name} {layout.name}": layout for sensor in SENSORS.values() for layout in sensor.layouts}
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_random_bytes_are_refused_or_come_back(data: st.DataObject) -> None:
     layout = LAYOUTS[data.draw(st.sampled_from(sorted(LAYOUTS)))]
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
@@ -31,7 +32,7 @@ def test_random_bytes_are_refused_or_come_back(data: st.DataObject) -> None:
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_a_changed_byte_is_kept_or_makes_the_packet_unfit(data: st.DataObject) -> None:
     layout = LAYOUTS[data.draw(st.sampled_from(sorted(LAYOUTS)))]
     packets = np.random.default_rng(5).integers(0, 256, (2, layout.packet_bytes), np.uint8)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
 from lidarcodec.sensors import db_xml, generic_sensor, read_calibration, ros_yaml, write_calibration
+from tests.sweeps import examples
 
 FILES = [
     "hdl64e_s3_atwall_db.xml",
@@ -91,7 +92,7 @@ def test_calibrations_of_other_sensors_are_refused(data_file, file: str, whose: 
     assert file in str(caught.value)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_any_table_survives_both_forms(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -213,7 +214,7 @@ def test_files_that_are_no_calibration(tmp_path: Path) -> None:
             read_calibration(tmp_path / "odd")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.data())
 def test_mutated_files_give_a_calibration_or_our_error(data: st.DataObject) -> None:
     form, source = data.draw(st.sampled_from([(db_xml, XML), (ros_yaml, YAML)]))

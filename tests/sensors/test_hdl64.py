@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from lidarcodec.errors import PacketError
 from lidarcodec.sensors import BlockFlag, build, parse
 from tests.packets import payload, turning
+from tests.sweeps import examples
 
 WHOLE = st.lists(st.binary(min_size=1206, max_size=1206), max_size=4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(WHOLE)
 def test_any_payloads_come_back_from_their_numbers(payloads: list[bytes]) -> None:
     assert build(parse(payloads)) == payloads

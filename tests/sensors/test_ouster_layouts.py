@@ -14,6 +14,7 @@ from lidarcodec.sensors.images import MAX_PLANES, Images
 from lidarcodec.sensors.models.ouster.bare import layout_of, layouts_of_size
 from lidarcodec.sensors.models.ouster.sensor import bare_sensor_of, bare_sensors
 from tests.sensors.ouster_packets import LAYOUTS, likely_packets, random_packets
+from tests.sweeps import examples
 
 BOTH_HEADS = {
     **LAYOUTS,
@@ -25,7 +26,7 @@ BOTH_HEADS = {
 
 
 @given(st.sampled_from(sorted(BOTH_HEADS)), st.integers(0, 2**32), st.integers(0, 3), st.booleans())
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 def test_random_bytes_are_refused_or_come_back(name: str, seed: int, count: int, named: bool) -> None:
     layout = BOTH_HEADS[name]
     packets = np.random.default_rng(seed).integers(0, 256, (count, layout.packet_bytes), np.uint8)
@@ -38,7 +39,7 @@ def test_random_bytes_are_refused_or_come_back(name: str, seed: int, count: int,
 
 
 @given(st.sampled_from(sorted(BOTH_HEADS)), st.data())
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 def test_a_changed_byte_is_kept_or_makes_the_packet_unfit(name: str, data: st.DataObject) -> None:
     layout = BOTH_HEADS[name]
     packets = random_packets(layout, 2, seed=5)

@@ -27,6 +27,7 @@ from tests.sensors.ouster_packets import (
     likely_packets,
     nested_metadata,
 )
+from tests.sweeps import examples
 
 ANGLES = "beam_altitude_angles"
 MORE = {
@@ -152,7 +153,7 @@ JSON = st.recursive(
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_changed_metadata_is_read_or_refused(data: st.DataObject) -> None:
     tree = flat_metadata(rows=16) if data.draw(st.booleans()) else nested_metadata(flat_metadata(rows=16))
     tree = copy.deepcopy(tree)
@@ -171,7 +172,7 @@ def test_changed_metadata_is_read_or_refused(data: st.DataObject) -> None:
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_changed_bytes_are_read_or_refused(data: st.DataObject) -> None:
     document = bytearray(as_json(flat_metadata(rows=16)))
     for _ in range(data.draw(st.integers(1, 4))):

@@ -17,6 +17,7 @@ from lidarcodec.sources import open_source
 from tests.packets import LOWER, UPPER, payload, turning
 from tests.sensors.captures import CAPTURES, model_of, payloads
 from tests.sources import captures as c
+from tests.sweeps import examples
 
 RNG = np.random.default_rng(3)
 ONE_BANK = [(UPPER, 20 * k) for k in range(12)]
@@ -133,14 +134,14 @@ def test_a_stream_of_an_unknown_sensor_is_carried_when_it_is_asked_for(tmp_path)
         assert [packet.payload for packet in source.packets()] == sent
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(st.binary(min_size=1206, max_size=1206), min_size=1, max_size=3))
 def test_nonsense_of_the_right_length_counts_as_an_hdl64e(packets: list[bytes]) -> None:
     found = recognised(packets)
     assert found is None or found.model in names()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.lists(st.binary(max_size=1300), max_size=8))
 def test_any_payloads_are_recognised_or_not(packets: list[bytes]) -> None:
     found = detect(packets)

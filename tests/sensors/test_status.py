@@ -13,6 +13,7 @@ from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
 from lidarcodec.sensors import STATUS_PACKETS, StatusClock, StatusReader, generic_sensor, parameter_bytes, status_bytes
 from lidarcodec.sensors.status import STEPS, crc16
 from tests.packets import read_plain_pcap
+from tests.sweeps import examples
 
 CLOCK = StatusClock(2011, 9, 26, 13, 4, 38, ord("A"), 31, 0x47)
 SENSOR = generic_sensor("HDL-64E S3")
@@ -131,7 +132,7 @@ def test_captures_whose_tails_are_something_else_give_no_table(data_file, file: 
     assert (reader.sensor, reader.failed) == (None, 0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 255), st.integers(0, 2**32 - 1)), max_size=200))
 def test_any_status_bytes_are_taken(values: list[tuple[int, int, int]]) -> None:
     reader = StatusReader()

@@ -17,6 +17,7 @@ from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.sensors import generic_sensor, status_bytes
 from lidarcodec.sources import open_source
 from tests.sources import captures as c
+from tests.sweeps import examples
 
 PAYLOADS = [c.payload(k) for k in range(20)]
 STAMPS_US = [(c.T0_NS + k * 288_000) // 1000 * 1000 for k in range(20)]
@@ -219,11 +220,12 @@ def test_every_prefix_of_a_capture_gives_what_is_whole(write, make, caplog):
         assert len(cut_short) == len([r for r in cut_short if r.levelno < logging.WARNING]) + len(counts)
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("make", [c.pcap, c.pcapng])
 def test_mutated_captures_raise_only_our_errors(write, make):
     data = make(map(c.frame, PAYLOADS[:6]))
     generator = np.random.default_rng(7)
-    for _ in range(400):
+    for _ in range(examples(400)):
         mutated = bytearray(data)
         for _ in range(int(generator.integers(1, 12))):
             # mostly in headers: the lengths are there
@@ -237,10 +239,11 @@ def test_mutated_captures_raise_only_our_errors(write, make):
         assert all(0 <= stamp < 2**63 for stamp in stamps)
 
 
+@pytest.mark.drawn
 def test_random_bytes_behind_a_good_header_raise_only_our_errors(write):
     generator = np.random.default_rng(8)
     heads = [c.pcap([]), c.pcap([], linktype=113), c.section() + c.interface(), c.pcapng(map(c.frame, PAYLOADS[:1]))]
-    for number in range(200):
+    for number in range(examples(200)):
         junk = generator.bytes(int(generator.integers(0, 3000)))
         try:
             read(write(heads[number % len(heads)] + junk))

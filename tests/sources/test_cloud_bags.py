@@ -19,6 +19,7 @@ from lidarcodec.sensors.clouds.message import ROS1
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.point_clouds import STAMP_NS, message, ouster, ros1, velodyne
+from tests.sweeps import examples
 
 MESSAGES = [message(velodyne(60, seed=n), stamp_ns=STAMP_NS + n * 10**8) for n in range(3)]
 
@@ -141,10 +142,11 @@ def test_chunks_that_expand_without_end_are_refused(tmp_path):
         open_source(path)
 
 
+@pytest.mark.drawn
 def test_damaged_bags_end_in_our_errors(tmp_path):
     rng = np.random.default_rng(2)
     whole = bag1(tmp_path / "a.bag", [ros1(one)[len(ROS1) :] for one in MESSAGES]).read_bytes()
-    for _ in range(60):
+    for _ in range(examples(60)):
         damaged = bytearray(whole)
         for _ in range(3):
             damaged[int(rng.integers(13, 400 if rng.random() < 0.7 else len(damaged)))] = int(rng.integers(0, 256))

@@ -18,6 +18,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.wire import pack
 from lidarcodec.wire.header import MAGIC
 from tests import packets as made
+from tests.sweeps import examples
 
 PACKETS = made.turning(90)
 
@@ -101,11 +102,12 @@ def test_every_prefix_gives_what_is_whole(tmp_path, what):
     assert seen == {0, 30, 60, 90}
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("what", ["messages", "packets"])
 def test_mutated_recordings_raise_only_our_errors(tmp_path, what):
     data = record(tmp_path / "drive.mcap", what).read_bytes()
     generator = np.random.default_rng(4)
-    for _ in range(120):
+    for _ in range(examples(120)):
         mutated = bytearray(data)
         for _ in range(int(generator.integers(1, 6))):
             mutated[int(generator.integers(8, len(data)))] = int(generator.integers(256))

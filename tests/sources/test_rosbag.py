@@ -22,6 +22,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from tests import packets as made
+from tests.sweeps import examples
 
 PACKETS = made.turning(90)
 
@@ -272,12 +273,13 @@ def test_every_prefix_gives_what_is_whole(tmp_path):
     assert 90 in seen
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("form", ["mcap", "db3"])
 def test_mutated_bags_raise_only_our_errors(tmp_path, form):
     path = bag(tmp_path / "bag.mcap") if form == "mcap" else database(tmp_path / "bag.db3", scans())
     data = path.read_bytes()
     generator = np.random.default_rng(6)
-    for number in range(150):
+    for number in range(examples(150)):
         mutated = bytearray(data)
         for at in generator.integers(16, len(data) if number % 2 else 4096, int(generator.integers(1, 6))):
             mutated[at] = int(generator.integers(256))

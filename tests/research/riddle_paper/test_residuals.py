@@ -18,12 +18,13 @@ from research.riddle_paper.residuals import (
     encode_varint,
     entropy_bits,
 )
+from tests.sweeps import examples
 
 CODERS = {"sparse": (encode_sparse, decode_sparse), "varint": (encode_varint, decode_varint)}
 
 
 @pytest.mark.parametrize("name", CODERS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(values=st.lists(st.one_of(st.just(0), st.integers(-70, 70), st.integers(1 - MOST, MOST - 1)), max_size=80))
 def test_residuals_come_back(name: str, values: list[int]) -> None:
     encode, decode = CODERS[name]
@@ -31,6 +32,7 @@ def test_residuals_come_back(name: str, values: list[int]) -> None:
     assert np.array_equal(decode(encode(residuals), len(values)), residuals)
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("name", CODERS)
 def test_damaged_bytes_give_an_error_or_some_residuals(name: str) -> None:
     encode, decode = CODERS[name]
@@ -38,7 +40,7 @@ def test_damaged_bytes_give_an_error_or_some_residuals(name: str) -> None:
     residuals = np.rint(rng.laplace(0, 3, 400)).astype(np.int64)
     data = encode(residuals)
     cases = [data[:cut] for cut in range(0, len(data), 5)]
-    for _ in range(300):
+    for _ in range(examples(300)):
         damaged = bytearray(data)
         damaged[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
         cases.append(bytes(damaged))
