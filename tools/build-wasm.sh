@@ -21,7 +21,7 @@ core="base/crc32c base/processor base/sha256 base/utf8 bits/numbers
       plane_motion/directions plane_motion/finder plane_motion/moved planes/azimuth_coder planes/intensity_coder planes/keep_coder planes/neighbour predictive/coder predictive/read
       predictive/write ranges/activity sensors/block_model sensors/json sensors/model sensors/model_tables sensors/ouster
       sensors/ouster_metadata sensors/velodyne session/history session/lattice session/message session/outside session/planes
-      session/ranges session/sensor session/session session/shelf session/frames/described_sensor session/frames/image_frame session/frames/plane_section
+      session/ranges session/sensor session/session session/shelf session/frames/described_sensor session/frames/image_frame session/frames/picture_ranges session/frames/plane_section
       session/frames/rest session/frames/ring_geometry"
 sources=$(ls native/wasm/*.cpp; for name in $core; do echo "native/src/$name.cpp"; done)
 rm -rf "$objects"

@@ -11,6 +11,7 @@
 #include <new>
 #include <string>
 
+#include "png.hpp"
 #include "session/frames/cloud_points.hpp"
 #include "session/points.hpp"
 #include "session/session.hpp"
@@ -47,6 +48,21 @@ class System final : public lidarcodec::Outside {
     return std::make_shared<const lidarcodec::DecodedCloud>(lidarcodec::decode_cloud(section, *this));
   }
 
+  bool opens_pictures(lidarcodec::Codec codec) const override {
+    return codec == lidarcodec::Codec::Png || openers_.count(codec) != 0;
+  }
+
+  std::optional<std::vector<std::uint16_t>> picture(const lidarcodec::Picture& picture) const override {
+    const auto opener = openers_.find(picture.codec);
+    if (opener == openers_.end()) return lidarcodec::png_samples(picture, *this);
+    const auto [open, context] = opener->second;
+    std::vector<std::uint16_t> samples(picture.rows * picture.width);
+    const lidarcodec_picture asked = {
+        picture.data.data(), picture.data.size(), static_cast<std::uint32_t>(picture.rows),
+        static_cast<std::uint32_t>(picture.width), static_cast<std::uint16_t>(picture.codec)};
+    return open(context, &asked, samples.data()) != 0 ? std::optional(std::move(samples)) : std::nullopt;
+  }
+
   std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const override {
     const auto found = weights_.find(name);
     return found == weights_.end() ? std::nullopt : std::optional(found->second);
@@ -54,7 +70,15 @@ class System final : public lidarcodec::Outside {
 
   void give(std::vector<std::uint8_t> data) { weights_[lidarcodec::read_weights(data).name] = std::move(data); }
 
+  void give(lidarcodec::Codec codec, lidarcodec_open_picture open, void* context) {
+    if (name_of(codec)[0] == '\0')
+      throw lidarcodec::Error(ErrorCode::Version, "there is no codec " + std::to_string(static_cast<unsigned>(codec)));
+    openers_.erase(codec);
+    if (open != nullptr) openers_[codec] = {open, context};
+  }
+
  private:
+  std::map<lidarcodec::Codec, std::pair<lidarcodec_open_picture, void*>> openers_;
   std::map<std::string, std::vector<std::uint8_t>> weights_;
 };
 
@@ -189,6 +213,11 @@ void lidarcodec_close(lidarcodec_session* session) { delete session; }
 
 lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uint8_t* data, size_t size) {
   return session->guarded([&] { session->outside->give({data, data + size}); });
+}
+
+lidarcodec_status lidarcodec_give_pictures(lidarcodec_session* session, uint16_t codec, lidarcodec_open_picture open,
+                                           void* context) {
+  return session->guarded([&] { session->outside->give(static_cast<lidarcodec::Codec>(codec), open, context); });
 }
 
 lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,

@@ -39,8 +39,21 @@ void check_images(const lidarcodec::ImageFrame& images) {
   lidarcodec::shown_intensities(images);
 }
 
-void decode_by_class(const std::vector<Bytes8>& messages) {
-  lidarcodec::Session session(std::make_unique<System>());
+// A picture whose samples are its bytes, over and over; some cannot be opened.
+int open_anything(void*, const lidarcodec_picture* picture, std::uint16_t* samples) {
+  for (std::size_t i = 0; i < std::size_t{picture->rows} * picture->width; ++i)
+    samples[i] = picture->size == 0 ? 0 : static_cast<std::uint16_t>(picture->data[i % picture->size] * 257u >> i % 9);
+  return picture->size % 16 != 15;
+}
+
+constexpr std::uint16_t kPng = 4, kJxl = 5;
+
+// way: by the system's own decoder of PNG, or by that above
+void decode_by_class(const std::vector<Bytes8>& messages, unsigned way) {
+  auto system = std::make_unique<System>();
+  system->give(lidarcodec::Codec::Jxl, open_anything, nullptr);
+  if (way % 2 == 1) system->give(lidarcodec::Codec::Png, open_anything, nullptr);
+  lidarcodec::Session session(std::move(system));
   MessageRepair repair;
   for (const Bytes8& given : messages) {
     const Bytes8 message = repair.repaired(given);
@@ -114,6 +127,9 @@ void call_anything(lidarcodec_session* session, unsigned which, const Bytes8& so
       lidarcodec_push(session, some.data(), std::min<std::size_t>(some.size(), which), nullptr) == LIDARCODEC_OK)
     broken();
   if (which & 32u) lidarcodec_error_needs(session);
+  if (lidarcodec_give_pictures(session, which % 8, which & 64u ? open_anything : nullptr, nullptr) ==
+      (which % 8 == 0 ? LIDARCODEC_OK : LIDARCODEC_UNSUPPORTED))
+    broken();
   if (lidarcodec_error_text(session) == nullptr || lidarcodec_error_offset(session) > some.size() + (1u << 30))
     broken();
 }
@@ -122,6 +138,8 @@ void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
   lidarcodec_close(nullptr);
   lidarcodec_session* const session = lidarcodec_open();
   if (session == nullptr || lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0) broken();
+  if (lidarcodec_give_pictures(session, kJxl, open_anything, nullptr) != LIDARCODEC_OK) broken();
+  if (calls % 2 == 1) lidarcodec_give_pictures(session, kPng, open_anything, nullptr);
   MessageRepair repair;
   for (const Bytes8& given : messages) {
     const Bytes8 message = repair.repaired(given);
@@ -155,7 +173,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const unsigned way = input.byte();
   const std::vector<Bytes8> messages = messages_of(input.rest());
   if (way % 2 == 0)
-    decode_by_class(messages);
+    decode_by_class(messages, way / 2);
   else
     decode_by_c(messages, way / 2);
   return 0;

@@ -1,8 +1,9 @@
 /* Decoder of lidarcodec streams for C and C++: bytes of messages in, images and points of frames out, of every sensor.
  *
  * A session decodes one stream, message after message, as a recording or a subscription has them. Codecs: raw, zstd,
- * pcodec, predictive, riddle; others are refused by name. Nothing here throws, prints or ends the process. A session is
- * used by one thread at a time; several sessions may be used by several threads at once. */
+ * pcodec, predictive, riddle, png; jxl of other sensors than an HDL-64E, if the program opens its pictures. Others are
+ * refused by name. Nothing here throws, prints or ends the process. A session is used by one thread at a time; several
+ * sessions may be used by several threads at once. */
 #ifndef LIDARCODEC_H
 #define LIDARCODEC_H
 
@@ -120,6 +121,24 @@ LIDARCODEC_API void lidarcodec_close(lidarcodec_session* session);
 /* Gives the session a weight file (.lcrw) of codec riddle that streams may name without sending it, such as those
  * installed in share/lidarcodec/weights. Its name is the hash of its bytes. */
 LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uint8_t* data, size_t size);
+
+/* A picture of codec jxl: `rows` x `width` grey samples of 16 bits, without loss. */
+typedef struct lidarcodec_picture {
+  const uint8_t* data; /* a bare JPEG XL codestream */
+  size_t size;
+  uint32_t rows;
+  uint32_t width;
+  uint16_t codec; /* number of the codec */
+} lidarcodec_picture;
+
+/* Writes the samples of a picture, row after row. Returns 1; 0 if it is damaged, or anything but a picture of these
+ * sides and 16 bits. It must not throw, and look at no more than that without checking: the bytes may be hostile. */
+typedef int (*lidarcodec_open_picture)(void* context, const lidarcodec_picture* picture, uint16_t* samples);
+
+/* Has the session open the pictures of a codec by a function, to which `context` is handed. NULL: by none, but those of
+ * png by the session's own. */
+LIDARCODEC_API lidarcodec_status lidarcodec_give_pictures(lidarcodec_session* session, uint16_t codec,
+                                                          lidarcodec_open_picture open, void* context);
 
 /* Decodes one whole message. `frame` is set where the status is LIDARCODEC_OK, else left as it was; NULL where only
  * points are wanted. */

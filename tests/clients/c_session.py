@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,20 @@ class _Field(ctypes.Structure):
     )
 
 
+class _Picture(ctypes.Structure):
+    _fields_ = (
+        ("data", ctypes.c_void_p),
+        ("size", ctypes.c_size_t),
+        ("rows", ctypes.c_uint32),
+        ("width", ctypes.c_uint32),
+        ("codec", ctypes.c_uint16),
+    )
+
+
+Opens = Callable[[bytes, int, int], npt.NDArray[np.uint16]]
+"""Opens a picture of so many rows and columns. Raises SectionError if it cannot."""
+_OPEN = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(_Picture), ctypes.POINTER(ctypes.c_uint16))
+
 TYPES = (None, "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 """The type in numpy of each lidarcodec_type, by its number."""
 
@@ -122,6 +137,22 @@ class CSession:
     def give_weights(self, data: bytes | None) -> None:
         """A weight file that messages may name; None: a null pointer."""
         self._check(self._c.lidarcodec_give_weights(self._session, data, ctypes.c_size_t(len(data or b""))))
+
+    def give_pictures(self, codec: int, opens: Opens | None) -> None:
+        """What opens the pictures of a codec from now on."""
+
+        def called(_: object, given: Any, samples: Any) -> int:
+            asked = given[0]
+            assert asked.codec == codec
+            try:
+                image = opens(ctypes.string_at(asked.data, asked.size), asked.rows, asked.width)  # type: ignore[misc]
+            except SectionError:
+                return 0
+            np.ctypeslib.as_array(samples, image.shape)[:] = image
+            return 1
+
+        self._opens = _OPEN(called) if opens else _OPEN()
+        self._check(self._c.lidarcodec_give_pictures(self._session, ctypes.c_uint16(codec), self._opens, None))
 
     def push_unseen(self, data: bytes) -> None:
         """Decodes a message without taking its frame."""

@@ -42,7 +42,7 @@ from tests.sensors.made_frames import made_frames, made_layouts
 from tests.sweeps import ALL, sampled
 from tests.vectors.make import split
 
-CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
+CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive", "png")
 NUMBERS = {table.codec_id(name) for name in CODECS}
 GOLDEN = sorted(path for path in (ROOT / "tests/golden").glob("v1_*.bin") if path.stem.split("_")[1] in CODECS)
 VECTORS = sorted((ROOT / "tests/vectors").glob("*.bin"))

@@ -125,6 +125,14 @@ OTHERS: Named = {
 }
 """Other settings of these codecs, each of which another part of a message follows."""
 
+OTHER_PICTURES: tuple[dict[str, Any], ...] = (
+    {"codec": "png"},
+    {"codec": "jxl"},
+    {"codec": "png", "max_error_m": 0.05, "reduction": "lattice:2"},
+    {"codec": "jxl", "max_error_m": 0.3, "intensity": "levels=8"},
+)
+"""Pictures of other sensors, for the harness of the native session."""
+
 CLOUDS: Named = {
     **OTHER_PLAIN,
     "zstd bounded": {"codec": "zstd", "max_error_m": 0.02},

@@ -35,7 +35,7 @@ from lidarcodec.wire import pack, unpack
 from tests.fuzz import configurations, extremes, other_sensors
 from tests.vectors.make import split
 
-CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
+CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive", "png")
 _NAMED = ("PLAIN", "MORE", "FEW", "FREE", "ROUNDED", "REDUCED", "THINNED")
 _GOLDEN = Path(__file__).parents[1] / "golden"
 _MESSAGES = 4
@@ -131,7 +131,8 @@ def _others(seed: int) -> Iterator[list[Message]]:
     models = [model for model in other_sensors.SIZES if model not in ("clouds", "os0-128")]
     for place, model in enumerate(models):
         made = other_sensors.SIZES[model](seed)
-        for number, settings in islice(enumerate(configurations.OTHERS.values()), place % 2, None, 2):
+        of = [*configurations.OTHERS.values(), *configurations.OTHER_PICTURES]
+        for number, settings in islice(enumerate(of), place % 2, None, 2):
             at, count = (4 * number + 7 * place) % (len(made) - 3), 3 if settings["codec"] == "riddle" else 2
             encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
             coded = [encoder.encode(frame) for frame in made[at : at + count]]

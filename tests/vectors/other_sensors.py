@@ -41,6 +41,18 @@ STREAMS = {
     "other_pcodec_xt32": Stream(block_sensor("xt32"), "dual", 1, {"codec": "pcodec"}),
     "other_riddle_xt32": Stream(block_sensor("xt32"), "dual", 1, {"codec": "riddle"}),
     "other_predictive_vls128": Stream(block_sensor("vls128"), "dual", 1, {"codec": "predictive"}),
+    "other_png_vlp16": Stream(
+        block_sensor("vlp16"), "dual", 1, {"codec": "png", "intensity": "levels=3", "key_interval": 20}
+    ),
+    "other_png_xt32": Stream(
+        block_sensor("xt32"), "single", 1, {"codec": "png", "max_error_m": 0.05, "intensity": "off", "key_interval": 20}
+    ),
+    "other_png_os0-16": Stream(
+        ouster("RNG19_RFL8_SIG16_NIR16_DUAL", 16, "OS-0-16"),
+        DUAL_LAYOUT,
+        1,
+        {"codec": "png", "reduction": "lattice:7", "intensity": "off", "key_interval": 20},
+    ),
     "other_zstd_os1-128": Stream(
         ouster("RNG15_RFL8_NIR8", 128, "OS-1-128"),
         "rng15_rfl8_nir8",

@@ -77,7 +77,7 @@ def ranges_of(numbers: Numbers, step: int, most: int) -> Numbers:
     if step == 1:
         return numbers
     exact = np.minimum((numbers.astype(np.int64) - 1) * step, most)
-    exact[numbers == 1] = (step // 2 + 1) // 2
+    exact[numbers == 1] = min((step // 2 + 1) // 2, most)
     exact[numbers == 0] = 0
     return exact.astype(np.uint32)
 

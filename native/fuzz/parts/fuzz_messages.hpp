@@ -2,6 +2,7 @@
 // u32. How they are changed inside of their sections, and how what a message says of itself is made right again
 // (docs/wire-format.md).
 #pragma once
+#include <zlib.h>
 #include <zstd.h>
 
 #include <algorithm>
@@ -140,8 +141,26 @@ class MessageRepair {
     std::copy_n(lidarcodec::sha256(hashed).begin(), kNameBytes, data.begin() + 1);
   }
 
+  // Checksums of the parts of a PNG.
+  static void repair_png(Bytes8& data) {
+    constexpr std::array<std::uint8_t, 4> kBegin = {137, 'P', 'N', 'G'};
+    constexpr std::size_t kSignature = 8, kAround = 12;
+    const auto found = std::search(data.begin(), data.end(), kBegin.begin(), kBegin.end());
+    std::size_t at = static_cast<std::size_t>(found - data.begin()) + kSignature;
+    const auto put = [&](std::size_t to, std::uint64_t value) {
+      for (unsigned i = 0; i < 4; ++i) data[to + i] = static_cast<std::uint8_t>(value >> (24 - 8 * i));
+    };
+    while (at + kAround <= data.size()) {
+      const std::size_t size = std::size_t{data[at]} << 24 | data[at + 1] << 16 | data[at + 2] << 8 | data[at + 3];
+      if (size > data.size() - at - kAround) return;
+      put(at + 8 + size, crc32(0, data.data() + at + 4, static_cast<uInt>(size + 4)));
+      at += kAround + size;
+    }
+  }
+
   void repair_names(LooseMessage::Part& part, std::uint8_t way) {
     Bytes8& data = part.data;
+    if (part.type == static_cast<std::uint8_t>(lidarcodec::SectionType::Range)) repair_png(data);
     if (part.type == static_cast<std::uint8_t>(lidarcodec::SectionType::Calibration) && data.size() >= 1 + kNameBytes) {
       if (data[0] == 2 && data.size() >= kTableHead + kTableBytes) {  // name and table as they are
         const std::size_t named = std::min<std::size_t>(data[kTableHead - 1], data.size() - kTableHead - kTableBytes);

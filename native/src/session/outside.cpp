@@ -33,9 +33,7 @@ std::optional<std::uint64_t> stated_size(Bytes data) {
 
 }  // namespace
 
-std::optional<std::vector<std::uint16_t>> Outside::picture(Codec, Bytes, std::size_t, std::size_t) const {
-  return std::nullopt;
-}
+std::optional<std::vector<std::uint16_t>> Outside::picture(const Picture&) const { return std::nullopt; }
 
 std::optional<std::vector<std::uint8_t>> Outside::weights(const std::string&) const { return std::nullopt; }
 
@@ -46,6 +44,13 @@ std::vector<std::uint8_t> zstd_frame(const Outside& outside, Bytes data, std::si
   if (!outside.unzstd(data, plain))
     throw Error(ErrorCode::Section, "a damaged zstd frame, of " + std::to_string(size) + " bytes");
   return plain;
+}
+
+std::vector<std::uint16_t> samples_of(const Outside& outside, const Picture& picture) {
+  std::optional<std::vector<std::uint16_t>> samples = outside.picture(picture);
+  if (!samples || samples->size() != picture.rows * picture.width)
+    throw Error(ErrorCode::Section, std::string("a damaged picture of codec ") + name_of(picture.codec));
+  return *std::move(samples);
 }
 
 }  // namespace lidarcodec

@@ -15,6 +15,13 @@ namespace lidarcodec {
 
 struct DecodedCloud;  // session/frames/cloud_section.hpp
 
+// A picture of a message, of one channel.
+struct Picture {
+  Codec codec{};
+  Bytes data;
+  std::size_t rows = 0, width = 0;
+};
+
 class Outside {
  public:
   virtual ~Outside() = default;
@@ -23,7 +30,7 @@ class Outside {
   virtual bool unzstd(Bytes frame, std::span<std::uint8_t> plain) const = 0;
   // The bytes of one zlib stream, `most` of them at most; nothing if it is damaged or holds more.
   virtual std::optional<std::vector<std::uint8_t>> inflated(Bytes stream, std::size_t most) const = 0;
-  // Whether it opens pictures of a codec; by default of none.
+  // Whether it opens pictures of 16 bits, png or jxl; by default none.
   virtual bool opens_pictures(Codec) const { return false; }
   // Whether the program reads the ranges of a codec by itself, from the planes that the session gives; by default of
   // none.
@@ -33,9 +40,8 @@ class Outside {
   // Whether the program takes frames of a sensor that this core does not know: it then checks their layout and series,
   // and finds the directions of their columns; by default it does not, and such messages are refused.
   virtual bool takes_model(const std::string&) const { return false; }
-  // The samples of a picture of 16 bits, row after row; nothing if it is damaged or has another size.
-  virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width,
-                                                            std::size_t height) const;
+  // The samples of a picture, row after row; nothing if it is damaged or has other sides.
+  virtual std::optional<std::vector<std::uint16_t>> picture(const Picture& picture) const;
   // The weight file of a name, 16 hex digits, that no message has brought; by default none is known.
   virtual std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const;
 };
@@ -43,5 +49,8 @@ class Outside {
 // The `size` bytes of data that are one zstd frame and nothing else. The size that it states is looked at before memory
 // is taken. Raises Section.
 std::vector<std::uint8_t> zstd_frame(const Outside& outside, Bytes data, std::size_t size);
+
+// The rows x width samples of a picture. Raises Section.
+std::vector<std::uint16_t> samples_of(const Outside& outside, const Picture& picture);
 
 }  // namespace lidarcodec

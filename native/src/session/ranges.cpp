@@ -45,14 +45,11 @@ std::vector<std::uint16_t> indices_of(const Message& message, Bytes coded, const
     return {};
   }
   if (message.codec == Codec::Pcodec) return decode_pco_groups(coded.data(), coded.size(), count);
-  const std::optional<std::vector<std::uint16_t>> samples =
-      outside.picture(message.codec, coded, message.width, kMaskRows);
-  if (!samples || samples->size() != returns.size())
-    throw Error(ErrorCode::Section, std::string("a damaged picture of codec ") + name_of(message.codec));
+  const std::vector<std::uint16_t> samples = samples_of(outside, {message.codec, coded, kMaskRows, message.width});
   std::vector<std::uint16_t> indices;
   indices.reserve(count);
   for (std::size_t i = 0; i < returns.size(); ++i)
-    if (returns[i] != 0) indices.push_back((*samples)[i]);
+    if (returns[i] != 0) indices.push_back(samples[i]);
   return indices;
 }
 

@@ -5,6 +5,7 @@
 #include "base/sha256.hpp"
 #include "planes/azimuth_coder.hpp"
 #include "planes/keep_coder.hpp"
+#include "session/frames/picture_ranges.hpp"
 #include "session/lattice.hpp"
 #include "session/ranges.hpp"
 
@@ -28,7 +29,7 @@ void check_codec(const Message& message, const Outside& outside) {
   if (name.empty())
     throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)),
                 12);
-  const bool is_picture = codec == Codec::Png && !message.planes;
+  const bool is_picture = codec == Codec::Png || (message.planes && is_exact_picture(codec));
   if (is_picture && !outside.opens_pictures(codec))
     throw Error(ErrorCode::Version, "codec " + name + " needs a decoder of pictures, and none was given", 12);
   if (!is_picture && (message.planes || !whole))

@@ -3,8 +3,9 @@
 //
 // Frames of an HDL-64E and of other sensors come out apart: `planes` and `images`.
 //
-// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Of codecs
-// whose ranges the program reads by itself all else is decoded. Other codecs are refused by name.
+// Decoded here: raw, zstd, pcodec, riddle, predictive; where there is a decoder of their pictures png, and jxl of other
+// sensors than an HDL-64E. Of codecs whose ranges the program reads by itself all else is decoded. Other codecs are
+// refused by name.
 #pragma once
 #include <array>
 #include <memory>

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "session/frames/picture_ranges.hpp"
 #include "session/lattice.hpp"
 
 namespace lidarcodec {
@@ -107,6 +108,7 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
     if (found.rows != frame.sensor->rows())
       damaged("planes of " + std::to_string(found.rows) + " rows of a sensor with " +
               std::to_string(frame.sensor->rows()));
+    if (is_exact_picture(message.codec)) take_picture(message, outside, columns, found);
     frame.planes = std::move(found.planes);
     if (lattice) widen(*lattice, frame);
     if (const NamedPlane* const intensity = frame.named("intensity"); intensity && intensity->bits > kMostIntensityBits)
@@ -114,6 +116,8 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
               std::to_string(kMostIntensityBits));
   } else if (message.width != 0 || !frame.rest.layout.empty()) {
     damaged("a message of " + std::to_string(message.width) + " columns without planes");
+  } else if (is_exact_picture(message.codec) && message.has(SectionType::Range)) {
+    damaged("a picture of a frame without planes");
   }
   take_layout(frame);
   return frame;

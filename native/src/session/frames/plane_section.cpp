@@ -220,6 +220,7 @@ PlaneSection decode_plane_section(Bytes data, std::size_t columns, const Outside
   shape.step = step;
   for (std::size_t row = 0; row < section.rows; ++row)
     shape.shift.push_back(static_cast<std::int32_t>(reader.signed_number(kMostColumns)));
+  section.shift = shape.shift;
 
   const Tables tables = (marks & kWithTables) != 0 ? read_tables(reader, section.planes) : Tables();
   std::vector<std::uint32_t> bits;

@@ -24,6 +24,7 @@ struct NamedPlane {
 
 struct PlaneSection {
   std::size_t rows = 0;
+  std::vector<std::int32_t> shift;  // columns by which each row moves, so that a column looks in one direction
   std::vector<NamedPlane> planes;  // the first is `range`
 };
 

@@ -139,7 +139,7 @@ export class NativeStream {
     this.#exports.lidarcodec_give_weights(this.#stream);
   }
 
-  /** The picture in the message that is pushed next. samples: 64 x W */
+  /** The picture in the message that is pushed next. samples: rows x columns */
   givePicture(samples: Uint16Array): void {
     this.#give(new Uint8Array(samples.buffer, samples.byteOffset, samples.byteLength));
     this.#exports.lidarcodec_give_picture(this.#stream);

@@ -1,12 +1,11 @@
-/** The image of codec png: 16 bits, grey, 64 rows; filters none and sub. The browser inflates it. */
+/** The image of codec png: 16 bits, grey; filters none and sub. The browser inflates it. */
 
 import { damaged } from "../../../../typescript/src/errors.js";
 
 const SIGNATURE = [137, 80, 78, 71, 13, 10, 26, 10];
-const ROWS = 64;
 
-/** (64, width) samples. */
-export async function readPng(data: Uint8Array, width: number): Promise<Uint16Array> {
+/** (rows, width) samples. */
+export async function readPng(data: Uint8Array, rows: number, width: number): Promise<Uint16Array> {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (data.length < 33 || SIGNATURE.some((byte, at) => data[at] !== byte)) throw damaged("no PNG");
   const packed: Uint8Array[] = [];
@@ -18,9 +17,9 @@ export async function readPng(data: Uint8Array, width: number): Promise<Uint16Ar
     if (size > data.length - at - 12) throw damaged("a PNG that is cut");
     if ((kind === "IHDR") !== (at === 8)) throw damaged("a PNG that does not begin with its header");
     if (kind === "IHDR") {
-      const fits = size === 13 && view.getUint32(at + 8) === width && view.getUint32(at + 12) === ROWS;
+      const fits = size === 13 && view.getUint32(at + 8) === width && view.getUint32(at + 12) === rows;
       if (!fits || hexOf(data.subarray(at + 16, at + 21)) !== "1000000000")
-        throw damaged(`a PNG that is not 16 bits of ${width} x ${ROWS}`);
+        throw damaged(`a PNG that is not 16 bits of ${width} x ${rows}`);
     } else if (kind === "IDAT") packed.push(data.subarray(at + 8, at + 8 + size));
     else if (kind === "IEND") ended = true;
     else throw damaged("a PNG with a part that has no place in it");
@@ -28,7 +27,7 @@ export async function readPng(data: Uint8Array, width: number): Promise<Uint16Ar
     if (ended && at !== data.length) throw damaged("bytes after a PNG");
   }
   const line = 2 * width + 1;
-  return unfiltered(await inflated(packed, line * ROWS), width, line);
+  return unfiltered(await inflated(packed, line * rows), rows, width);
 }
 
 function hexOf(bytes: Uint8Array): string {
@@ -59,9 +58,10 @@ async function inflated(packed: Uint8Array[], size: number): Promise<Uint8Array>
   return out;
 }
 
-function unfiltered(lines: Uint8Array, width: number, line: number): Uint16Array {
-  const image = new Uint16Array(ROWS * width);
-  for (let row = 0; row < ROWS; row++) {
+function unfiltered(lines: Uint8Array, rows: number, width: number): Uint16Array {
+  const line = 2 * width + 1;
+  const image = new Uint16Array(rows * width);
+  for (let row = 0; row < rows; row++) {
     const begin = row * line + 1;
     const filter = lines[begin - 1];
     if (filter > 1) throw damaged(`a PNG with the filter ${filter}`);

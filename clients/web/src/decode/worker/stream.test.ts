@@ -224,6 +224,25 @@ describe("what is lost or hostile", () => {
     check(await one.decode(messages[3]), expected[3]);
   });
 
+  it("a picture of other sides than the planes beside it is refused, and shows nothing false", async () => {
+    const [{ messages, expected }] = otherVectors(/png_vlp16/) as [Vector<ExpectedOther>];
+    const one = decoder();
+    const first = messages[0] as Uint8Array;
+    const header = Buffer.from(first).indexOf("IHDR") + 4;
+    for (const [rows, columns] of [
+      [expected[0]?.width, expected[0]?.rows], // as many samples
+      [8, 2 * (expected[0]?.width ?? 0)],
+    ]) {
+      const turned = changed(first, (bytes) => {
+        const view = new DataView(bytes.buffer, header);
+        view.setUint32(0, columns as number);
+        view.setUint32(4, rows as number);
+      });
+      expect(await failure(one, turned)).toBe("section");
+      checkOther(await one.decode(first), expected[0] as ExpectedOther);
+    }
+  });
+
   it("a codec that is not decoded here is named", async () => {
     const other = changed(vector("zstd").messages[0], (bytes) => bytes.set([5, 0], 12));
     await expect(decoder().decode(other)).rejects.toThrow("codec 5");
@@ -267,7 +286,7 @@ describe("what is lost or hostile", () => {
     120_000,
   );
 
-  it.each(["predictive_os0-32", "zstd_os1-128", "raw_vlp16"])(
+  it.each(["predictive_os0-32", "zstd_os1-128", "raw_vlp16", "png_vlp16", "png_os0-16"])(
     "mutated messages of %s of another sensor, too",
     async (name) => {
       const [{ messages, expected }] = otherVectors(new RegExp(name)) as [Vector<ExpectedOther>];

@@ -7,9 +7,10 @@ import { latticeOf } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
 import { type DescribedSensor, readDescribed } from "../../../../typescript/src/other/calibration.js";
 import { readCloudFrame } from "../../../../typescript/src/other/frame.js";
+import { Reader } from "../../../../typescript/src/other/reader.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
 import { readPose } from "../../../../typescript/src/pose.js";
-import { SensorBook } from "../../../../typescript/src/sensor.js";
+import { ROWS, SensorBook } from "../../../../typescript/src/sensor.js";
 import { type CloudImage, cloudImage, ringsOf, stillHolds } from "./cloud.js";
 import { factsOf, factsOfRings, packImage, type SensorFacts } from "./image.js";
 import { NativeStream } from "./native.js";
@@ -23,6 +24,7 @@ export interface Decoded {
   readonly told: number;
 }
 
+const LARGEST_STEP = 40_001;
 /** Weight files that are kept, beside those that the stream brings. */
 const KEPT = 4;
 
@@ -180,6 +182,29 @@ function poseOf(message: Message): Uint8Array | null {
 
 /** The browser inflates the picture of a message, which the module asks for later. */
 async function givePicture(native: NativeStream, message: Message): Promise<void> {
-  const [, picture] = splitStep(needed(message, Section.RANGE, "ranges"));
-  if (picture.length > 0) native.givePicture(await readPng(picture, message.width));
+  const { data, rows, columns } = message.planes ? besidePlanes(message) : alone(message);
+  if (data.length > 0) native.givePicture(await readPng(data, rows, columns));
+}
+
+interface Picture {
+  readonly data: Uint8Array;
+  readonly rows: number;
+  readonly columns: number;
+}
+
+/** The picture of an HDL-64E. */
+function alone(message: Message): Picture {
+  const [, data] = splitStep(needed(message, Section.RANGE, "ranges"));
+  return { data, rows: ROWS, columns: message.width };
+}
+
+/** The picture of another sensor, of the sides that its other planes have. */
+function besidePlanes(message: Message): Picture {
+  const planes = message.section(Section.PLANES);
+  if (planes === null) return { data: new Uint8Array(), rows: 0, columns: 0 }; // no packet has an image
+  const ranges = new Reader(needed(message, Section.RANGE, "ranges"));
+  ranges.byte(); // bits, and the step: the module looks at them
+  ranges.varint(LARGEST_STEP);
+  const columns = latticeOf(message)?.columns.length ?? message.width;
+  return { data: ranges.rest(), rows: (planes[1] ?? 0) + 1, columns };
 }
