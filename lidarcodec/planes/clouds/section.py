@@ -49,6 +49,8 @@ Numbers = npt.NDArray[np.int64]
 
 PLAIN, ZSTD, COLUMNS = 0, 1, 2
 _NO_GRID, _BY_ROW, _BY_COLUMN = 0, 1, 2
+MAX_STEP: Final = 65_535
+"""Most bytes of a point whose columns are coded apart: what is in no field is a column for each byte."""
 MAX_BOUND_UM: Final = 100_000_000
 """Largest bound on the error of a point, in micrometres."""
 _XYZ: Final = frozenset("xyz")
@@ -173,8 +175,8 @@ def _in_columns(
 ) -> tuple[bytes, _Known]:
     """The section, and what is in it."""
     head = message.head
-    if not 0 < head.points <= MAX_POINTS:
-        raise SectionError(f"a message of {head.points} points has no columns")
+    if not 0 < head.points <= MAX_POINTS or head.point_step > MAX_STEP:
+        raise SectionError(f"a message of {head.points} points of {head.point_step} bytes has no columns")
     level = 3 if kind == PlaneKind.ZSTD else 9
     out = bytearray([COLUMNS])
     put_varint(out, math.ceil((max_error_m or 0.0) * 1e6))
@@ -230,6 +232,8 @@ def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
     reader.varint(MAX_BOUND_UM)
     around = _read_around(reader)
     head, points = around.head, around.head.points
+    if head.point_step > MAX_STEP:
+        raise SectionError(f"a cloud by columns with points of {head.point_step} bytes: the limit is {MAX_STEP}")
     kind = reader.byte()
     grid_head = _read_grid_head(reader, kind, head, points)
     positioned = reader.byte()
