@@ -103,7 +103,9 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
                 wake()
         except BaseException:  # nothing ends the wait now: interrupt it, as a later second signal would
             asked_s = -SAME_WISH_S
-            _thread.interrupt_main()
+            # A real signal: `_thread.interrupt_main` only sets a flag, which a wait for a lock sees when it is over.
+            if signal.getsignal(signal.SIGINT) is ask and (waits := threading.main_thread().ident) is not None:
+                signal.pthread_kill(waits, signal.SIGINT)
             raise
         finally:
             woken.set()
