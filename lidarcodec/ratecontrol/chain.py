@@ -36,21 +36,25 @@ def chain(bits: Floats, cost: Floats, never_more: Floats) -> Places:
     at, of, rest = np.log(np.maximum(bits[order], 1e-9)), cost[order], never_more[:, order]
     count = len(order)
     finest = int(np.lexsort((at, of))[0])
+    more_bits = np.searchsorted(at, at, side="right")  # for each point the first with more bits
     total, following = np.full(count, np.inf), np.full(count, -1)
     total[finest] = 0.0
     for place in range(finest - 1, -1, -1):
-        behind = slice(place + 1, finest + 1)
-        fits = (at[behind] > at[place]) & (of[behind] <= (1.0 - GAIN) * of[place])
-        fits &= (rest[:, behind] <= rest[:, [place]]).all(axis=0)
-        whole = np.where(fits, total[behind] + of[place] * (at[behind] - at[place]), np.inf)
-        best = int(np.argmin(whole))
-        total[place], following[place] = whole[best], place + 1 + best
+        behind = slice(int(more_bits[place]), finest + 1)
+        fits = of[behind] <= (1.0 - GAIN) * of[place]
+        for row in rest:
+            fits &= row[behind] <= row[place]
+        found = behind.start + np.flatnonzero(fits)
+        if len(found):
+            whole = total[found] + of[place] * (at[found] - at[place])
+            best = int(np.argmin(whole))
+            total[place], following[place] = whole[best], found[best]
     # Below the first point there is no image; this costs twice as much as the worst point.
     first = int(np.argmin(total + 2.0 * of.max() * (at - at[0])))
-    found = [first]
-    while found[-1] != finest:
-        found.append(int(following[found[-1]]))
-    return order[found]
+    links = [first]
+    while links[-1] != finest:
+        links.append(int(following[links[-1]]))
+    return order[links]
 
 
 def _near(bits: Floats, cost: Floats) -> Places:
