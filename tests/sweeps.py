@@ -37,6 +37,13 @@ def spread(*axes: Iterable[Any]) -> list[Any]:
     return sampled(product(*values), _few(values))
 
 
+def paired(first: Iterable[Any], second: Iterable[Any], third: Iterable[Any]) -> list[Any]:
+    """As `spread`, but with every pair of values of the first two, and those of the third in turn."""
+    ones, others, turns = list(first), list(second), list(third)
+    kept = [(a, b, turns[(i + j) % len(turns)]) for i, a in enumerate(ones) for j, b in enumerate(others)]
+    return sampled(product(ones, others, turns), kept)
+
+
 def combined(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
     """As `spread`, for what a test goes through by itself."""
     values = [list(axis) for axis in axes]

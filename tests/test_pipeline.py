@@ -14,6 +14,7 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.wire import pack, unpack
 from tests.packets import read_plain_pcap, sensor, turning
+from tests.sweeps import spread
 
 
 def packets_after(frames: list[Frame], encoder: StreamEncoder, decoder: StreamDecoder) -> list[Packet]:
@@ -24,18 +25,17 @@ def packets_after(frames: list[Frame], encoder: StreamEncoder, decoder: StreamDe
 
 EXACT = [name for name in table.names() if table.codec(name).bounded]
 """Codecs that are lossless unless told otherwise."""
+FRAMINGS = ["packets", "packets:29", "revolution"]
 
 
-@pytest.mark.parametrize("codec", EXACT)
-@pytest.mark.parametrize("framing", ["packets", "packets:29", "revolution"])
+@pytest.mark.parametrize(("codec", "framing"), spread(EXACT, FRAMINGS))
 def test_every_codec_gives_the_packets_back(codec: str, framing: str) -> None:
     packets = turning(360, start=35500)
     frames = list(frames_of(packets, sensor(), framing))
     assert packets_after(frames, StreamEncoder(settings_from({"codec": codec})), StreamDecoder()) == packets
 
 
-@pytest.mark.parametrize("codec", [name for name in table.names() if name not in EXACT])
-@pytest.mark.parametrize("framing", ["packets", "packets:29", "revolution"])
+@pytest.mark.parametrize(("codec", "framing"), spread([name for name in table.names() if name not in EXACT], FRAMINGS))
 def test_a_lossy_codec_gives_all_but_the_ranges_back(codec: str, framing: str) -> None:
     """The same packets at the same times, each return where one was; a client that reads a Velodyne reads them."""
     packets = turning(360, start=35500)

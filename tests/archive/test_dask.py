@@ -7,10 +7,6 @@ from importlib import import_module
 
 import pytest
 
-pytest.importorskip("distributed", reason="needs the extra cluster")
-
-from distributed import LocalCluster
-
 from lidarcodec.archive.engines import dask
 from lidarcodec.archive.tasks import Ended, Task
 
@@ -34,8 +30,9 @@ class NotThere:
 
 @pytest.fixture
 def engine():
+    distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
     options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
-    with LocalCluster(host="127.0.0.1", protocol="tcp://", **options) as cluster:
+    with distributed.LocalCluster(host="127.0.0.1", protocol="tcp://", **options) as cluster:
         found = dask.DaskEngine(cluster.scheduler_address, timeout_s=30.0)
         yield found
         found.close()

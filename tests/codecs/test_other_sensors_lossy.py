@@ -26,7 +26,7 @@ from lidarcodec.sensors.images import QUANTITIES, PacketLayout, Unsigned
 from lidarcodec.settings import settings_from
 from tests.codecs.test_other_sensors import FILES, SMALL, opened, used
 from tests.fuzz.mutations import mutated
-from tests.sweeps import examples
+from tests.sweeps import examples, paired
 
 REDUCTIONS = ("columns:3", "lattice:3", "lattice:64", "random", "voxel", "voxel-seen")
 WIDE = "OS-1-64_1024x10_fw20"
@@ -57,9 +57,7 @@ def all_planes(frame: Frame, layout: PacketLayout) -> dict[str, Unsigned]:
     return images_of(frame, layout).planes
 
 
-@pytest.mark.parametrize("codec", KINDS)
-@pytest.mark.parametrize("capture", [*SMALL, WIDE])
-@pytest.mark.parametrize("error", [1, 6, 127])
+@pytest.mark.parametrize(("capture", "codec", "error"), paired([*SMALL, WIDE], KINDS, [1, 6, 127]))
 def test_an_error_of_attributes_is_kept_at_every_return(capture: str, codec: str, error: int) -> None:
     frame, layout = framed(capture)
     _, message, decoded = there_and_back(frame, {"codec": codec, "intensity": f"error={error}"})

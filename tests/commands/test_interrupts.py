@@ -72,7 +72,7 @@ def begun(folder: Path) -> bool:
     """Whether a hidden output holds something of note."""
     for hidden in folder.glob(".*"):
         files = list(hidden.iterdir()) if hidden.is_dir() else [hidden]
-        if sum(file.stat().st_size for file in files if file.exists()) > 1_000_000:
+        if sum(file.stat().st_size for file in files if file.exists()) > 500_000:
             return True
     return False
 

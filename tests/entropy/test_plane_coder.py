@@ -14,7 +14,7 @@ from lidarcodec.entropy import plane_coder
 from lidarcodec.entropy.plane_coder import PlaneForm, Unsigned, decode_planes, encode_planes
 from lidarcodec.errors import DecodeError, SectionError, SettingsError, TruncatedError
 from tests.reference import planes as reference
-from tests.sweeps import examples
+from tests.sweeps import examples, paired
 
 
 class Form(NamedTuple):
@@ -39,6 +39,7 @@ DUAL = (
 )
 WIDE = (Form("range", 20, "range"), Form("flags", 1), Form("odd", 20))
 FRAMES = (SIMPLE, DUAL, WIDE)
+EXTREME_SHAPES = [(1, 1), (1, 4096), (128, 1), (128, 3), (16, 4096), (3, 0)]
 
 
 def noise(forms: tuple[Form, ...], shape: tuple[int, int], rng: np.random.Generator) -> dict[str, Unsigned]:
@@ -108,9 +109,7 @@ def test_any_planes_come_back(forms, rows, columns, kind, step, seed) -> None:
     check(kind(forms, (rows, columns), rng), forms, shift, step, quick=seed % 3 == 0)
 
 
-@pytest.mark.parametrize("forms", FRAMES)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 4096), (128, 1), (128, 3), (16, 4096), (3, 0)])
-@pytest.mark.parametrize("value", [0, 1, 255, 2**20])
+@pytest.mark.parametrize(("forms", "shape", "value"), paired(FRAMES, EXTREME_SHAPES, [0, 1, 255, 2**20]))
 def test_extreme_shapes_and_values_come_back(forms, shape, value) -> None:
     rng = np.random.default_rng(7)
     shift = rng.integers(-40, 40, shape[0], np.int32)
@@ -200,9 +199,10 @@ def every_way(rng: np.random.Generator) -> tuple[tuple[Form, ...], dict[str, Uns
     return forms, planes
 
 
-@pytest.mark.parametrize("quick", [False, True])
-@pytest.mark.parametrize("step", [1, 7])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("seed", "step", "quick"),
+    paired(range(4), [1, 7], [False, True]),
+)
 def test_a_decoder_written_from_the_page_gives_the_same_planes(quick, step, seed) -> None:
     rng = np.random.default_rng(seed)
     forms, planes = every_way(rng) if seed < 2 else (FRAMES[seed - 1], noise(FRAMES[seed - 1], (4, 21), rng))

@@ -338,8 +338,9 @@ def test_a_database_that_takes_no_changes_is_not_ready(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("table", ["audit", "desired"])
-def test_a_postgresql_whose_table_is_locked_or_gone_is_not_ready(postgres, table):
+def test_a_postgresql_whose_table_is_locked_or_gone_is_not_ready(postgres, table, monkeypatch):
     """It begins a transaction and answers, so it was ready while each change was refused."""
+    monkeypatch.setattr(engine_module, "BUSY_S", 1.0)
     engine = sa.create_engine(postgres.replace("postgresql:", "postgresql+psycopg:"))
     with engine.begin() as connection:
         connection.execute(sa.text("DROP SCHEMA public CASCADE"))

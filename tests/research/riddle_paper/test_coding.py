@@ -29,7 +29,7 @@ def a_predictor(temporal: int = 0) -> Predictor:
 @pytest.mark.parametrize("coder", sampled(CODERS, [next(iter(CODERS))]))
 @pytest.mark.parametrize("step", sampled([10, 50], [50]))
 def test_an_image_comes_back_from_its_bytes_and_its_mask(coder: str, step: int) -> None:
-    ranges_m = toy_ranges(8, 12, 40)
+    ranges_m = toy_ranges(8, 8, 24)
     image, predictor = PaperImage.plain(ranges_m, step), a_predictor()
     data = encode_image(image, predictor, coder=coder)
     unknown = image.with_cells(np.where(image.valid, 12345, 0).astype(np.int32))  # nothing of it may be used
