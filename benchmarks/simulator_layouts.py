@@ -3,7 +3,8 @@
     python -m benchmarks.simulator_layouts [--save] [SENSOR ...]
 
 The captures are those of the data folder: a few turns of each sensor, half of them at rest in rooms. Simulated are
-turns with the layout of the capture, each at a place of its own: in the garage for captures in rooms, else in the town.
+turns with the layout of the capture, each at a place of its own: in the room where most of a capture is nearer than two
+metres, in the garage for other captures in rooms, else in the town.
 A cell has the bits a return of the capture, those of the simulation, and the difference. Bits are as in "rows, xz" of
 benchmarks/other_sensors.py, over first and second returns: differences along the rows of a plane, byte by byte,
 through xz.
@@ -45,13 +46,13 @@ class Pair(NamedTuple):
 
 
 PAIRS: Final = (
-    Pair("sensors/velodyne/vlp16.pcap.xz", "sensor=vlp16&returns=dual", "garage"),
+    Pair("sensors/velodyne/vlp16.pcap.xz", "sensor=vlp16&returns=dual", "room"),
     Pair("vlp16_sampleshort.pcap", "sensor=vlp16"),
     Pair("hdl32e_monterey_first800.pcap", "sensor=hdl32e"),
     Pair("sensors/velodyne/vlp32.pcap.xz", "sensor=vlp32c", "garage"),
     Pair("sensors/velodyne/vls128.pcap.xz", "sensor=vls128"),
-    Pair("sensors/hesai/pandar_40p.pcap.xz", "sensor=pandar40p&returns=dual", "garage"),
-    Pair("sensors/hesai/pandar_64.pcap.xz", "sensor=pandar64&returns=dual", "garage"),
+    Pair("sensors/hesai/pandar_40p.pcap.xz", "sensor=pandar40p&returns=dual", "room"),
+    Pair("sensors/hesai/pandar_64.pcap.xz", "sensor=pandar64&returns=dual", "room"),
     Pair("sensors/hesai/pandar_qt128.pcap.xz", "sensor=qt128&returns=dual", "garage"),
     Pair("sensors/hesai/pandar_xt16.pcap.xz", "sensor=xt16&returns=dual", "garage"),
     Pair("sensors/hesai/pandar_xt32m.pcap.xz", "sensor=xt32m&returns=dual", "garage"),

@@ -14,7 +14,7 @@ from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS
 
-SCENES: Final = ("city", "road", "street", "bend", "motorway", "garage")
+SCENES: Final = ("city", "road", "street", "bend", "motorway", "garage", "room")
 START_NS: Final = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: default host and GPS time of the first packet."""
 LABELS: Final = ("none", "ground", "building", "vegetation", "vehicle", "person", "pole", "other")

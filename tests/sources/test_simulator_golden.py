@@ -36,6 +36,8 @@ GOLDEN = {
     ("motorway", 2, 100_000, 116): "2c0fc2de306c121ee9379bedb60aa0bcb2a0351468a1b1ea76a07a4d412bb5e5",
     ("garage", 1, 0, 116): "48e4dbac704dcb27d338c95688aa7caff6357b7fd3169972fec001de6605b51a",
     ("garage", 2, 50_000, 116): "6ca8cbfc0a2f8c1bd74cdfb69f8e8733faf2535e89aee63d843f7b8bb098c66f",
+    ("room", 1, 0, 116): "37e07dc3bbd41e61d9d316c72dff1d1bbacf23cbb418703160c5626653145ac3",
+    ("room", 2, 50_000, 116): "09470b34cf5e4495617775b4b4d7cde8468b9b375249e533dfc70ca9cfde62a5",
 }
 COMPILERS = ("clang++", "clang++-14", "g++")
 FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")

@@ -27,7 +27,7 @@ from lidarcodec.sources.spinning.source import SpinningSource
 from lidarcodec.sources.spinning.table import HESAI, TRAITS, VELODYNE, Wanted, detector_of, names, unit_of
 from tests.sweeps import sampled
 
-GROUND, VEHICLE = LABELS.index("ground"), LABELS.index("vehicle")
+GROUND, VEHICLE, PERSON = (LABELS.index(name) for name in ("ground", "vehicle", "person"))
 OUSTER_PROFILES = [Wanted("os1-32", profile=profile) for profile in PIXELS]
 ALL = [Wanted(name) for name in names()]
 BOTH = [*ALL, *OUSTER_PROFILES, *(Wanted(name, returns="dual") for name in names() if not is_ouster(name))]
@@ -152,6 +152,31 @@ def test_most_second_returns_are_the_same_as_the_first_and_others_are_nearer(sen
         assert 0.93 < np.mean((last == strongest)[last > 0]) < 0.995
         assert (strongest <= last).all()
         assert np.array_equal(last > 0, strongest > 0)
+
+
+@pytest.mark.parametrize("sensor", ["pandar40p", "pandar64"])
+def test_a_pandar_says_nothing_of_the_reflectivity_of_what_is_near(sensor):
+    """In the captures of both, nearly everything nearer than 1.5 m has reflectivity 0."""
+    source = SpinningSource(Wanted(sensor), "room", seed=2)
+    planes = source.truth(source.frame_packets).images.planes
+    metres = planes["range"] * source.sensor.range_step_m
+    assert np.mean(planes["intensity"][(metres > 0) & (metres < 1.4)] == 0) > 0.98
+    assert np.mean(planes["intensity"][metres > 1.6] == 0) < 0.1
+
+
+def test_in_the_room_a_sensor_stands_still_among_things_close_by():
+    shares = []
+    for seed in (1, 2, 3):
+        source = SpinningSource(Wanted("pandar40p"), "room", seed=seed)
+        places = source.poses(source.start_ns + np.arange(3) * 10**9)[:, :3, 3]
+        assert (places == places[0]).all()
+        made = source.truth(source.frame_packets)
+        assert (made.labels == PERSON).any()
+        assert not (made.labels == VEHICLE).any()
+        seen = made.images.planes["range"] > 0
+        shares.append(np.mean(made.distance_m[seen] < 1))
+    assert 0.35 < np.mean(shares) < 0.75
+    assert len(set(shares)) == 3
 
 
 def test_an_ouster_counts_photons_with_and_without_a_return():

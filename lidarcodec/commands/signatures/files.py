@@ -313,7 +313,7 @@ def simulate(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a simulated drive as a capture: sim:city, road, street, bend, motorway or garage, with ?sensor=os1-128."""
+    """Write a simulated drive as a capture: sim:city, road, street, bend, motorway, garage, room; ?sensor=os1-128."""
     from lidarcodec.commands import simulate as command
 
     command.run(source, out, frames, skip, force, as_json)

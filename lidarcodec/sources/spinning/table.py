@@ -29,8 +29,19 @@ VELODYNE: Final = {
     **NOMINAL,
     **{"nearest_m": 0.5, "spread": 0.0007, "aperture_m": 0.08, "reflectivity_noise": 0.05, "quiet": 2.0},
 }
-PUCK: Final = {**VELODYNE, "sees_10_m": 45, "sigma_m": 0.0095, "reflectivity": 45}
+PUCK: Final = {
+    **VELODYNE,
+    **{"sees_10_m": 45, "sigma_m": 0.0095, "reflectivity": 90, "diffuse_most": 100, "contrast": 0.8, "grazing": 0.1},
+    **{"reflectivity_noise": 0.12, "reflectivity_floor": 0},
+}
+"""Reflectivity by two captures: of a VLP-16 in a room and of one on a road."""
 HESAI: Final = {**NOMINAL, "nearest_m": 0.3, "spread": 0.0007, "aperture_m": 0.05, "reflectivity_noise": 0.06}
+PANDAR: Final = {
+    **HESAI,
+    **{"farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.0105, "aperture_m": 0.04},
+    **{"reflectivity": 80, "reflectivity_from_m": 1.5},
+}
+"""By the captures of a Pandar40P and a Pandar64: both send reflectivity 0 for nearly everything nearer than 1.5 m."""
 XT: Final = {**HESAI, "nearest_m": 0.05, "sees_10_m": 80, "sigma_m": 0.005, "aperture_m": 0.09}
 QT: Final = {**HESAI, "nearest_m": 0.1, "pulse_m": 0.7, "aperture_m": 0.15, "reflectivity_noise": 0.08}
 OUSTER: Final = {"nearest_m": 0.5, "pulse_m": 3.0, "spread": 0.0004, "aperture_m": 0.002, "dark_noise": 0.6}
@@ -40,8 +51,8 @@ TRAITS: Final[Mapping[str, Traits]] = {
     "hdl32e": {**VELODYNE, "farthest_m": 100, "sees_10_m": 45, "sigma_m": 0.010, "reflectivity": 45},
     "vlp32c": {**VELODYNE, "farthest_m": 200, "sees_10_m": 80, "sigma_m": 0.006, "aperture_m": 0.05},
     "vls128": {**VELODYNE, "farthest_m": 245, "sees_10_m": 110, "sigma_m": 0.010},
-    "pandar40p": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.008},
-    "pandar64": {**HESAI, "farthest_m": 200, "sees_10_m": 120, "sigma_m": 0.008},
+    "pandar40p": PANDAR,
+    "pandar64": PANDAR,
     "qt64": {**QT, "farthest_m": 60, "sees_10_m": 20, "sigma_m": 0.010},
     "qt128": {**QT, "farthest_m": 50, "sees_10_m": 20, "sigma_m": 0.010},
     "xt16": {**XT, "farthest_m": 120},

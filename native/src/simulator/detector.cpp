@@ -6,6 +6,7 @@ namespace lidarcodec::sim {
 namespace {
 
 constexpr double kFootprint = 0.0012;  // half the width of the beam, radians
+constexpr double kReflector = 1.5;     // reflectivity of what throws the light back, and does not scatter it
 constexpr double kEdge = 0.15;         // surfaces of a row nearer to each other than this, in metres, are one
 constexpr double kEdgeShare = 0.24;    // firings next to an edge whose beams meet both surfaces
 
@@ -46,7 +47,7 @@ Detector::Echo Detector::echo_of(const Hit& hit) const {
   const double cosine = clamp_to(hit.cosine, 0.01, 1.0);
   const double mirrored = surface.gloss * (1.0 - cosine) * (1.0 - cosine);
   echo.t = hit.t;
-  echo.lit = albedo * (0.30 + 0.70 * cosine) * (1.0 - mirrored);
+  echo.lit = albedo * (traits_.grazing + (1.0 - traits_.grazing) * cosine) * (1.0 - mirrored);
   echo.power = albedo * (0.12 + 0.88 * cosine) * (1.0 - mirrored) / (hit.t * hit.t);
   echo.slant = min_of(hit.t * kFootprint * std::sqrt(1.0 - cosine * cosine) / cosine, 1.5);
   echo.rough = surface.rough_m + hit.rough_m;
@@ -74,11 +75,13 @@ Measured Detector::measure(const Echo& echo, std::size_t row, std::uint64_t luck
     out.signal = whole(count * (1.0 + shot), 65535.0);
   }
   const double share = shot + traits_.reflectivity_noise * normal_of(h2, unit_of(h3));
-  double level = traits_.reflectivity * echo.lit * gain_[row] * (1.0 + share);
+  const double told = echo.lit * (1.0 - traits_.contrast * (1.0 - min_of(echo.lit, 1.0)));
+  double level = traits_.reflectivity * told * gain_[row] * (1.0 + share);
   level += traits_.reflectivity_floor * normal_of(mix(h3), unit_of(h2));
+  if (echo.lit < kReflector) level = min_of(level, traits_.diffuse_most);
   // Reflectors: the upper part of the scale, which ends with the best of them.
   if (traits_.reflectivity_most == 255 && level > 100.0) level = 100.0 + 155.0 * (1.0 - 100.0 / level);
-  out.reflectivity = whole(level, traits_.reflectivity_most);
+  if (echo.t >= traits_.reflectivity_from_m) out.reflectivity = whole(level, traits_.reflectivity_most);
   return out;
 }
 

@@ -29,14 +29,18 @@ struct DetectorTraits {
   double reflectivity_noise = 0.05;  // as a share
   double reflectivity_floor = 0.5;   // noise of a black surface
   double reflectivity_most = 255;
-  double quiet = 0;        // mean number of reflectivity without a return; 0: it is 0
-  double photons = 0;      // counts of a white surface at 1 m; 0: there is no signal
-  double dark = 0;         // counts without a return
-  double dark_noise = 1;   // of counts without a return, in square roots of counts
-  double daylight = 0;     // counts of near infrared of a white surface
-  double sky = 0;          // counts of near infrared of the horizon
-  double light_noise = 1;  // of near infrared, in square roots of counts
-  double light_step = 1;   // counts of a step of near infrared
+  double reflectivity_from_m = 0;  // nearer returns have reflectivity 0
+  double diffuse_most = 255;       // reflectivity of whatever is no reflector
+  double contrast = 0;             // share of the reflectivity that falls with its square: dark surfaces look darker
+  double grazing = 0.3;            // share of the reflectivity that does not fall with the angle of incidence
+  double quiet = 0;                // mean number of reflectivity without a return; 0: it is 0
+  double photons = 0;              // counts of a white surface at 1 m; 0: there is no signal
+  double dark = 0;                 // counts without a return
+  double dark_noise = 1;           // of counts without a return, in square roots of counts
+  double daylight = 0;             // counts of near infrared of a white surface
+  double sky = 0;                  // counts of near infrared of the horizon
+  double light_noise = 1;          // of near infrared, in square roots of counts
+  double light_step = 1;           // counts of a step of near infrared
   double light_most = 65535;
   Returns returns = Returns::Strongest;
 };

@@ -30,6 +30,7 @@ const Surface& surface_of(Material material) {
       {0.55, 0.08, 0.002, 0.0},   // Skin
       {4.00, 0.10, 0.001, 0.0},   // Retro
       {0.35, 0.10, 0.001, 0.2},   // Plastic
+      {0.50, 0.06, 0.001, 0.0},   // Painted
   }};
   return kSurfaces[static_cast<std::size_t>(material)];
 }

@@ -33,6 +33,7 @@ enum class Material : std::uint8_t {
   Skin,
   Retro,
   Plastic,
+  Painted,  // paint, paper and board, of the albedo of its object
   Count
 };
 
@@ -99,7 +100,7 @@ struct Object {
   std::uint32_t part_count = 0;
   std::uint32_t id = 0;  // seeds leaves, windows and textures
   float lo[3] = {}, hi[3] = {};
-  float paint = 0.5F;  // albedo of CarPaint and Cloth
+  float paint = 0.5F;  // albedo of CarPaint, Cloth and Painted
   Label label = Label::Other;
   ObjectKind kind = ObjectKind::None;
 };

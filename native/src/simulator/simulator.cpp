@@ -26,6 +26,7 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (options.scene == "bend") return make_bend(options.world);
   if (options.scene == "motorway") return make_motorway(options.world);
   if (options.scene == "garage") return make_garage(options.world);
+  if (options.scene == "room") return make_room(options.world);
   throw Error(ErrorCode::Settings, "no such scene");
 }
 
@@ -67,7 +68,7 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
                 hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
         Hit hit;
         hit.t = kReach;
-        if (own_car_at(beam, ray.luck) > 0) {  // nearer than the sensor can measure
+        if (world_->on_a_car() && own_car_at(beam, ray.luck) > 0) {  // nearer than the sensor can measure
           hit.label = Label::Vehicle;
         } else
           // Steep beams soon hit the ground, and few objects are nearer. For level beams objects come first.

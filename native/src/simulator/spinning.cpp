@@ -13,6 +13,7 @@ constexpr double kSlack = 0.5;                // metres the sensor moves in that
 constexpr double kMostReach = 150;            // metres around the car that are filled with objects
 constexpr double kThroughLeaves = 0.15;       // firings into leaves that also meet what is behind
 constexpr double kBehind = 0.3;               // metres
+constexpr std::uint64_t kSteady = 8;          // firings for which another ray of the beam is the same
 
 Pose between(const Pose& from, const Pose& to, double share) {
   Pose pose;
@@ -51,15 +52,15 @@ Hit SpinningSimulator::trace(const Ray& ray, double reach, double dt) {
   return hit;
 }
 
-bool SpinningSimulator::meet_another(const Ray& ray, const Hit& hit, double dt, Hit& other) {
-  const std::uint64_t luck = mix(ray.luck ^ 9);
+bool SpinningSimulator::meet_another(const Ray& ray, const Hit& hit, std::uint64_t luck, double dt, Hit& other) {
   if (hit.material == Material::Leaf && unit_of(mix(ray.luck ^ 3)) < kThroughLeaves) {
     const double from = hit.t + kBehind;
     other = trace({ray.origin + ray.direction * from, ray.direction, luck}, max_of(reach_ - from, 0.0), dt);
     other.t += from;
     return other.material != Material::Nothing;
   }
-  // Another ray of the beam. Near the sensor the beam is as wide as the aperture.
+  // Another ray of the beam, and nearly the same one of the next firings: a beam comes to an edge little by little.
+  // Near the sensor the beam is as wide as the aperture.
   const double half = detector_.traits().spread + detector_.traits().aperture_m / max_of(hit.t, 0.5);
   const double aside = half * (2.0 * unit_of(luck) - 1.0), up = half * (2.0 * unit_of(mix(luck)) - 1.0);
   const V3 d = ray.direction;
@@ -90,6 +91,7 @@ void SpinningSimulator::fire(const Firings& f, Planes& out) {
     if (!looked_ || begin - index_ns_ >= kIndexNs) look_around(begin, from.at);
     const Pose to = end > begin ? world_->pose(end) : from;
     now_ns_ = end;
+    const auto steady = static_cast<std::int64_t>(column_ / kSteady);
     for (const std::size_t row : order) {
       const std::int64_t now = std::max(time_of(row), begin);
       const Pose pose =
@@ -103,7 +105,7 @@ void SpinningSimulator::fire(const Firings& f, Planes& out) {
                     hash_of(luck_, static_cast<std::int64_t>(column_), static_cast<std::int64_t>(row))};
       const double dt = static_cast<double>(now - index_ns_) * 1e-9;
       Hit hit, behind;
-      const double roof = own_car_at(beam, ray.luck);
+      const double roof = world_->on_a_car() ? own_car_at(beam, ray.luck) : 0.0;
       bool through = false;
       if (roof > 0) {
         hit.t = roof;
@@ -113,7 +115,8 @@ void SpinningSimulator::fire(const Firings& f, Planes& out) {
         hit.local = beam.origin + beam.direction * roof;
       } else {
         hit = trace(ray, reach_, dt);
-        if (two) through = meet_another(ray, hit, dt, behind);
+        if (two)
+          through = meet_another(ray, hit, hash_of(luck_ ^ 9, steady, static_cast<std::int64_t>(row)), dt, behind);
       }
       Measured first, second;
       detector_.receive(row, ray.luck, hit, through ? &behind : nullptr, first, second);

@@ -41,7 +41,7 @@ class SpinningSimulator {
   void look_around(std::int64_t t_ns, V3 at);
   Hit trace(const Ray& ray, double reach, double dt);
   // Whether a beam meets another surface than `hit` as well: behind leaves, or beside its middle.
-  bool meet_another(const Ray& ray, const Hit& hit, double dt, Hit& other);
+  bool meet_another(const Ray& ray, const Hit& hit, std::uint64_t luck, double dt, Hit& other);
 
   std::mutex busy_;
   std::unique_ptr<World> world_;

@@ -15,7 +15,7 @@ void accept(const LocalRay& r, Hit& hit, double t, double cosine, Material m) {
   hit.t = t;
   hit.cosine = cosine;
   hit.material = m;
-  hit.albedo = (m == Material::CarPaint || m == Material::Cloth) ? r.paint : -1.0;
+  hit.albedo = (m == Material::CarPaint || m == Material::Cloth || m == Material::Painted) ? r.paint : -1.0;
   hit.rough_m = 0;
   hit.id = r.id;
   hit.local = r.o + r.d * t;

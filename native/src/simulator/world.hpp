@@ -35,6 +35,8 @@ class World {
   virtual void gather(std::int64_t t_ns, double reach, std::vector<const Object*>& out) = 0;
   virtual void trace_ground(const Ray& ray, Hit& hit) = 0;
   virtual double ground_height(V2 p) = 0;
+  // Whether a car carries the sensor, whose roof hides a part of what is below.
+  virtual bool on_a_car() const { return true; }
 };
 
 constexpr double kSensorHeight = 1.73;  // of the sensor's base over the road
@@ -50,5 +52,6 @@ std::unique_ptr<World> make_street(const WorldOptions& options);
 std::unique_ptr<World> make_bend(const WorldOptions& options);
 std::unique_ptr<World> make_motorway(const WorldOptions& options);
 std::unique_ptr<World> make_garage(const WorldOptions& options);
+std::unique_ptr<World> make_room(const WorldOptions& options);
 
 }  // namespace lidarcodec::sim
