@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import islice
 from typing import IO, Final, NamedTuple
 
 from lidarcodec import wire
@@ -26,6 +27,8 @@ from lidarcodec.recording.refinements import Refinements
 
 log = logging.getLogger(__name__)
 
+_LOOKED_AT: Final = 1000
+"""Messages of the first chunk that are looked at for the channels at the beginning."""
 _MAX_CHANNELS: Final = 4096
 _MAX_STREAMS: Final = 4096
 """Most stream ids that are remembered: a hostile file may have a new one in each message."""
@@ -155,7 +158,7 @@ class RecordingReader:
                     name, texts = records.metadata_of(self._stream, record)
                     if name == METADATA_NAME:
                         self.metadata = texts
-                elif list(self._inside(record, check=False)) or record.opcode == records.DATA_END:
+                elif list(islice(self._inside(record, check=False), _LOOKED_AT)) or record.opcode == records.DATA_END:
                     return
         except DamagedError:
             return  # the error is counted when messages are read

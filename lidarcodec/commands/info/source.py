@@ -18,7 +18,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import StatusReader
-from lidarcodec.sensors.clouds.sensor import cloud_evidence
+from lidarcodec.sensors.clouds.sensor import cloud_evidence, has_points
 from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
 from lidarcodec.side import Role
@@ -59,6 +59,18 @@ class _Totals:
         self.longest_gap_ns = 0
         self.short = ShortTurns()
 
+    def add_nothing(self, stamp_ns: int) -> None:
+        """A message without points. A small bag may have a million, so no frame is made of it."""
+        self.frames += 1
+        self.layouts["odd"] += 1
+        self._time(stamp_ns, stamp_ns, 0)
+
+    def _time(self, first_ns: int, last_ns: int, longest_gap_ns: int) -> None:
+        gap = 0 if self.first_ns is None else first_ns - self.last_ns
+        self.longest_gap_ns = max(self.longest_gap_ns, gap, longest_gap_ns)
+        self.first_ns = first_ns if self.first_ns is None else self.first_ns
+        self.last_ns = last_ns
+
     def add(self, frame: Frame, fired_cells: int) -> None:
         side = frame.side
         self.short.add(frame)
@@ -69,10 +81,7 @@ class _Totals:
         if side is None:
             return
         stamps = side.packet_ns + frame.stamp_ns
-        before = self.last_ns if self.first_ns is not None else int(stamps[0])
-        self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(stamps, prepend=before).max()))
-        self.first_ns = int(stamps[0]) if self.first_ns is None else self.first_ns
-        self.last_ns = int(stamps[-1])
+        self._time(int(stamps[0]), int(stamps[-1]), int(np.diff(stamps).max(initial=0)))
         if isinstance(side, PacketRest):
             self.layouts[side.layout or "odd"] += side.packets - len(side.odd) if side.layout else side.packets
             return
@@ -91,6 +100,8 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     totals, status = _Totals(), StatusReader()
     packets = positions = 0
     first: list[bytes] = []
+    repeated = 0
+    before: bytes | None = None
     with (
         open_source(_limited(spec), calibration=calibration, points=False) as source,
         progress("reading packets") as tick,
@@ -98,7 +109,13 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         sensor = source.sensor
         assembler = Assembler(sensor)
         for packet in source.packets():
-            frame = assembler.push(packet)
+            frame = None
+            if sensor.is_cloud and not packet.position:
+                repeated, before = repeated + (packet.payload == before), packet.payload
+            if sensor.is_cloud and not packet.position and not has_points(packet.payload):
+                totals.add_nothing(packet.stamp_ns)
+            else:
+                frame = assembler.push(packet)
             if packet.position:
                 positions += 1
                 continue
@@ -115,6 +132,8 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         last = assembler.flush()
         if last is not None and (limit is None or totals.frames < LOOK_FRAMES):
             totals.add(last, _cells(last))
+        if sensor.is_cloud:  # the assembler does not see messages without points
+            assembler.counts["repeated packets"] = repeated
         noticed = source.counts + assembler.counts
         if source.live and not packets + positions:
             besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))

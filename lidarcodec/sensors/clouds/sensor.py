@@ -10,7 +10,7 @@ import numpy as np
 from lidarcodec.errors import DecodeError
 from lidarcodec.sensor_model import POINTCLOUD2, Calibration, SensorModel
 from lidarcodec.sensors.clouds.grid import grid_of
-from lidarcodec.sensors.clouds.message import CDR, MAX_POINTS, ROS1, CloudMessage, read_message
+from lidarcodec.sensors.clouds.message import CDR, MAX_POINTS, ROS1, CloudMessage, read_head, read_message
 
 RANGE_STEP_M: Final = 0.001
 ROWS: Final = (1, 4, 8, 16, 32, 40, 64, 80, 128)
@@ -34,6 +34,14 @@ def message_of(payload: bytes) -> CloudMessage | None:
         return read_message(payload)
     except DecodeError:
         return None
+
+
+def has_points(payload: bytes) -> bool:
+    """Whether the head of a payload is that of a PointCloud2 with points."""
+    try:
+        return read_head(payload).points > 0
+    except DecodeError:
+        return False
 
 
 def cloud_evidence(payload: bytes) -> str | None:
