@@ -121,36 +121,41 @@ export class CloudMessage {
   /** The values of a field, `count` for each point. */
   values({ offset, type, count }: CloudField): Values {
     const { size, height, width, bigEndian, pointStep, rowStep } = this.head;
-    const view = new DataView(this.#payload.buffer, this.#payload.byteOffset, this.#payload.byteLength);
-    const [found, read] = reader(type, this.points * count, view, !bigEndian);
+    const payload = this.#payload;
+    const found = arrayOf(type, this.points * count);
+    const to = new Uint8Array(found.buffer);
     const bytes = bytesOf(type);
-    let to = 0;
+    const flip = bigEndian === LITTLE_ENDIAN ? bytes - 1 : 0; // of the place of a byte in its value
+    let next = 0;
     for (let row = 0; row < height; row++)
       for (let point = 0; point < width; point++) {
         const at = size + row * (height > 1 ? rowStep : 0) + point * pointStep + offset;
-        for (let i = 0; i < count; i++) found[to++] = read(at + i * bytes);
+        for (let i = 0; i < count * bytes; i++) to[next++] = payload[at + (i ^ flip)]!;
       }
     return found;
   }
 }
 
-function reader(type: number, size: number, view: DataView, little: boolean): [Values, (at: number) => number] {
+/** Of this machine. */
+const LITTLE_ENDIAN = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
+
+function arrayOf(type: number, size: number): Values {
   switch (type) {
     case FieldType.int8:
-      return [new Int8Array(size), (at) => view.getInt8(at)];
+      return new Int8Array(size);
     case FieldType.uint8:
-      return [new Uint8Array(size), (at) => view.getUint8(at)];
+      return new Uint8Array(size);
     case FieldType.int16:
-      return [new Int16Array(size), (at) => view.getInt16(at, little)];
+      return new Int16Array(size);
     case FieldType.uint16:
-      return [new Uint16Array(size), (at) => view.getUint16(at, little)];
+      return new Uint16Array(size);
     case FieldType.int32:
-      return [new Int32Array(size), (at) => view.getInt32(at, little)];
+      return new Int32Array(size);
     case FieldType.uint32:
-      return [new Uint32Array(size), (at) => view.getUint32(at, little)];
+      return new Uint32Array(size);
     case FieldType.float32:
-      return [new Float32Array(size), (at) => view.getFloat32(at, little)];
+      return new Float32Array(size);
     default:
-      return [new Float64Array(size), (at) => view.getFloat64(at, little)];
+      return new Float64Array(size);
   }
 }

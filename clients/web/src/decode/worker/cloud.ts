@@ -44,28 +44,18 @@ export interface CloudImage {
   readonly points: number;
 }
 
-// Arrays with a number for each place: a function for each type, which is several times as quick as `from`.
+// What is done for each of 200,000 points stands in loops: a call for each of them, whose number is put on the heap, takes
+// several times as long.
 
-function floats(count: number, of: (at: number) => number): Float64Array {
-  const found = new Float64Array(count);
-  for (let at = 0; at < count; at++) found[at] = of(at);
-  return found;
-}
-
-function ints(count: number, of: (at: number) => number): Int32Array {
-  const found = new Int32Array(count);
-  for (let at = 0; at < count; at++) found[at] = of(at);
-  return found;
-}
-
-function places(count: number, of: (at: number) => number): Uint32Array {
-  const found = new Uint32Array(count);
-  for (let at = 0; at < count; at++) found[at] = of(at);
-  return found;
+/** The values at some places. */
+function picked<To extends Float64Array | Int32Array | Uint32Array>(to: To, values: Values, at: Uint32Array): To {
+  for (let i = 0; i < at.length; i++) to[i] = values[at[i]];
+  return to;
 }
 
 /** x, y and z of all points of a message. */
 type Three = readonly [Values, Values, Values];
+type ThreeFloats = [Float64Array, Float64Array, Float64Array];
 
 /** Points that may be drawn. */
 interface Points {
@@ -96,12 +86,10 @@ export function cloudImage(cloud: Cloud, rows: number): CloudImage {
   let drawn = ofMessage(cells, message, found.place, found.axes, chosen, points, rows);
   if (!drawn) {
     const made = ofDirections(points);
-    const is = (i: number) => off(made, points, i) <= CLOSE_M + CLOSE * points.range[i];
-    const close = places(chosen.length, (i) => i).filter(is);
-    const at = (of: Int32Array) => ints(close.length, (i) => of[close[i]]);
-    const all = chosen;
+    const close = drawnClose(made, points, CLOSE_M, CLOSE);
+    const at = (of: Int32Array) => picked(new Int32Array(close.length), of, close);
     drawn = { ...made, row: at(made.row), column: at(made.column) };
-    chosen = places(close.length, (i) => all[close[i]]);
+    chosen = picked(new Uint32Array(close.length), chosen, close);
     points = pointsAt(found.axes, chosen);
   }
   return painted(drawn, points.range, intensitiesOf(message), chosen, found.place.length);
@@ -148,25 +136,45 @@ function empty(rows: number, points: number): CloudImage {
 
 /** Those of some points that are near enough to be drawn. */
 function near([x, y, z]: Three, place: Uint32Array): Uint32Array {
-  return place.filter((at) => Math.sqrt(x[at] * x[at] + y[at] * y[at] + z[at] * z[at]) <= FARTHEST_M);
+  const found = new Uint32Array(place.length);
+  let count = 0;
+  for (const at of place)
+    if (Math.sqrt(x[at] * x[at] + y[at] * y[at] + z[at] * z[at]) <= FARTHEST_M) found[count++] = at;
+  return found.subarray(0, count);
 }
 
-function pointsAt([x, y, z]: Three, chosen: Uint32Array): Points {
-  const of = (values: Values) => floats(chosen.length, (i) => values[chosen[i]]);
-  const [px, py, pz] = [of(x), of(y), of(z)];
-  const flat = (i: number) => px[i] * px[i] + py[i] * py[i];
-  const range = floats(chosen.length, (i) => Math.sqrt(flat(i) + pz[i] * pz[i]));
-  const up = floats(chosen.length, (i) => Math.atan2(pz[i], Math.sqrt(flat(i))));
-  return { x: px, y: py, z: pz, range, up };
+function pointsAt(axes: Three, chosen: Uint32Array): Points {
+  const count = chosen.length;
+  const [x, y, z] = axes.map((values) => picked(new Float64Array(count), values, chosen)) as ThreeFloats;
+  const [range, up] = [new Float64Array(count), new Float64Array(count)];
+  for (let i = 0; i < count; i++) {
+    const flat = x[i] * x[i] + y[i] * y[i];
+    range[i] = Math.sqrt(flat + z[i] * z[i]);
+    up[i] = Math.atan2(z[i], Math.sqrt(flat));
+  }
+  return { x, y, z, range, up };
 }
 
-/** Metres between a point and where it is drawn. */
-function off({ row, column, elevation, rotation, azimuth }: Drawn, { x, y, z, range }: Points, i: number): number {
-  const beta = radians(azimuth[column[i]]) - rotation[row[i]];
-  const up = elevation[row[i]];
-  const flat = range[i] * Math.cos(up);
-  const [dx, dy, dz] = [flat * Math.cos(beta) - x[i], -flat * Math.sin(beta) - y[i], range[i] * Math.sin(up) - z[i]];
-  return Math.sqrt(dx * dx + dy * dy + dz * dz);
+/** The points that are drawn within `metres` of their place, and a share of their range more. */
+function drawnClose(drawn: Drawn, { x, y, z, range }: Points, metres: number, share: number): Uint32Array {
+  const { row, column } = drawn;
+  const [up, turned] = [wavesOf(drawn.elevation), wavesOf(drawn.rotation)];
+  const ahead = wavesOf(Float64Array.from(drawn.azimuth, radians));
+  const found = new Uint32Array(row.length);
+  let count = 0;
+  for (let i = 0; i < row.length; i++) {
+    const [r, c] = [row[i], column[i]];
+    const flat = range[i] * up.cosine[r];
+    const dx = flat * (ahead.cosine[c] * turned.cosine[r] + ahead.sine[c] * turned.sine[r]) - x[i];
+    const dy = flat * (ahead.cosine[c] * turned.sine[r] - ahead.sine[c] * turned.cosine[r]) - y[i];
+    const dz = range[i] * up.sine[r] - z[i];
+    if (Math.sqrt(dx * dx + dy * dy + dz * dz) <= metres + share * range[i]) found[count++] = i;
+  }
+  return found.subarray(0, count);
+}
+
+function wavesOf(angles: Float64Array): { cosine: Float64Array; sine: Float64Array } {
+  return { cosine: angles.map(Math.cos), sine: angles.map(Math.sin) };
 }
 
 function radians(hundredths: number): number {
@@ -188,8 +196,9 @@ function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, axes: 
   if (height < 2 || height > MOST_ROWS || width > MOST_MESSAGE_COLUMNS || points > MOST_CELLS) {
     const returned = new Uint8Array(points);
     for (const at of place) returned[at] = 1;
-    const of = (values: Values) => floats(points, (at) => (returned[at] ? values[at] : 0));
-    const all = { x: of(x), y: of(y), z: of(z), returned };
+    const [allX, allY, allZ] = [x, y, z].map((values) => Float64Array.from(values)) as ThreeFloats;
+    for (let at = 0; at < points; at++) if (!returned[at]) allX[at] = allY[at] = allZ[at] = 0;
+    const all = { x: allX, y: allY, z: allZ, returned };
     const ordered = cellsOfPoints(message, all);
     return ordered
       ? { cells: ordered, rising: rises(ordered, place, axes) }
@@ -209,47 +218,56 @@ function cellsOf(cloud: Cloud, message: CloudMessage, place: Uint32Array, axes: 
  * turn, which viewers would put together of several frames. */
 function ofMessage(
   { cells, rising }: InOrder,
-  { points: count }: CloudMessage,
+  { points: inMessage }: CloudMessage,
   all: Uint32Array,
   axes: Three,
   chosen: Uint32Array,
   points: Points,
   rows: number,
 ): Drawn | null {
-  if (cells.columns > MOST_COLUMNS || count !== cells.row.length) return null;
-  const rowOf = (at: number) => (rising ? cells.rows - 1 - cells.row[at] : cells.row[at]);
-  const row = ints(chosen.length, (i) => rowOf(chosen[i]));
-  const column = ints(chosen.length, (i) => cells.column[chosen[i]]);
-  if (row.some((one) => one >= rows) || column.some((one) => one >= cells.columns)) return null;
-  const shown = all.filter((at) => rowOf(at) < rows && cells.column[at] < cells.columns);
-  const azimuth = columnAzimuths(cells, shown, axes);
-  if (!isTurn(azimuth)) return null;
-  const [cosine, sine, up, there] = [0, 1, 2, 3].map(() => new Float64Array(rows)) as [
-    Float64Array,
-    Float64Array,
-    Float64Array,
-    Float64Array,
-  ];
+  if (cells.columns > MOST_COLUMNS || inMessage !== cells.row.length) return null;
+  const [last, way] = rising ? [cells.rows - 1, -1] : [0, 1];
+  const [row, column] = [new Int32Array(chosen.length), new Int32Array(chosen.length)];
   for (let i = 0; i < chosen.length; i++) {
-    const turned = radians(azimuth[column[i]]) - Math.atan2(-points.y[i], points.x[i]);
-    cosine[row[i]] += Math.cos(turned);
-    sine[row[i]] += Math.sin(turned);
-    up[row[i]] += points.up[i];
-    there[row[i]]++;
+    row[i] = last + way * cells.row[chosen[i]];
+    column[i] = cells.column[chosen[i]];
+    if (row[i] >= rows || column[i] >= cells.columns) return null;
+  }
+  const shown = new Uint32Array(all.length);
+  let count = 0;
+  for (const at of all) if (last + way * cells.row[at] < rows && cells.column[at] < cells.columns) shown[count++] = at;
+  const azimuth = columnAzimuths(cells, shown.subarray(0, count), axes);
+  if (!isTurn(azimuth)) return null;
+  const [cosine, sine, up] = [0, 1, 2].map(() => new Float64Array(rows)) as ThreeFloats;
+  const there = new Uint32Array(rows);
+  const ahead = wavesOf(Float64Array.from(azimuth, radians));
+  const { x, y } = points;
+  for (let i = 0; i < chosen.length; i++) {
+    // the direction of the column less that of the point, whose cosine and sine are x and -y
+    const flat = Math.sqrt(x[i] * x[i] + y[i] * y[i]);
+    const [px, py] = flat > 0 ? [x[i] / flat, -y[i] / flat] : [1, 0];
+    const [r, c] = [row[i], column[i]];
+    cosine[r] += ahead.cosine[c] * px + ahead.sine[c] * py;
+    sine[r] += ahead.sine[c] * px - ahead.cosine[c] * py;
+    up[r] += points.up[i];
+    there[r]++;
   }
   const rotation = cosine.map((value, at) => Math.atan2(sine[at], value));
   const drawn = { row, column, rotation, elevation: up.map((sum, at) => sum / Math.max(there[at], 1)), azimuth };
-  for (let i = 0; i < chosen.length; i++) if (off(drawn, points, i) > NEAR_M + NEAR * points.range[i]) return null;
-  return drawn;
+  return drawnClose(drawn, points, NEAR_M, NEAR).length === chosen.length ? drawn : null;
 }
 
 /** Whether higher rows look higher, by some of the points with a return. */
 function rises(cells: Cells, place: Uint32Array, [x, y, z]: Three): boolean {
   if (place.length < 2) return false;
   const step = Math.max(1, Math.floor(place.length / LOOKED_AT));
-  const some = place.filter((_, i) => i % step === 0);
-  const up = floats(some.length, (i) => Math.atan2(z[some[i]], Math.sqrt(x[some[i]] ** 2 + y[some[i]] ** 2)));
-  const row = floats(some.length, (i) => cells.row[some[i]]);
+  const count = Math.ceil(place.length / step);
+  const [up, row] = [new Float64Array(count), new Float64Array(count)];
+  for (let i = 0; i < count; i++) {
+    const at = place[i * step];
+    up[i] = Math.atan2(z[at], Math.sqrt(x[at] * x[at] + y[at] * y[at]));
+    row[i] = cells.row[at];
+  }
   const mean = (values: Float64Array) => values.reduce((sum, value) => sum + value, 0) / values.length;
   const [meanUp, meanRow] = [mean(up), mean(row)];
   return up.reduce((sum, value, i) => sum + (row[i] - meanRow) * (value - meanUp), 0) > 0;
@@ -259,7 +277,7 @@ function rises(cells: Cells, place: Uint32Array, [x, y, z]: Three): boolean {
 function columnAzimuths(cells: Cells, shown: Uint32Array, [x, y]: Three): Uint16Array {
   const [cosine, sine] = [new Float64Array(cells.columns), new Float64Array(cells.columns)];
   for (const at of shown) {
-    const far = Math.max(Math.sqrt(x[at] ** 2 + y[at] ** 2), 1e-9);
+    const far = Math.max(Math.sqrt(x[at] * x[at] + y[at] * y[at]), 1e-9);
     cosine[cells.column[at]] += x[at] / far;
     sine[cells.column[at]] += y[at] / far;
   }
@@ -284,12 +302,13 @@ function ofDirections({ x, y, up }: Points): Drawn {
   const levels = levelsOf(up);
   const between = levels.subarray(1).map((level, i) => (level + levels[i]) / 2);
   const columns = COLUMNS[x.length > MANY ? 1 : 0];
-  const row = ints(up.length, (i) => levels.length - 1 - below(between, up[i]));
-  const column = ints(up.length, (i) => {
+  const [row, column] = [new Int32Array(up.length), new Int32Array(up.length)];
+  for (let i = 0; i < up.length; i++) {
+    row[i] = levels.length - 1 - below(between, up[i]);
     const turned = (Math.atan2(-y[i], x[i]) * 18_000) / Math.PI;
     const at = nearest((turned * columns) / TURN);
-    return at < 0 ? at + columns : at < columns ? at : 0;
-  });
+    column[i] = at < 0 ? at + columns : at < columns ? at : 0;
+  }
   const azimuth = Uint16Array.from({ length: columns }, (_, i) => nearest(i * (TURN / columns)));
   return { row, column, elevation: levels.slice().reverse(), rotation: new Float64Array(levels.length), azimuth };
 }
@@ -315,7 +334,9 @@ function levelsOf(up: Float64Array): Float64Array {
   for (let from = 0, to = 1; from <= last && means.length <= MOST_ROWS; from = to++) {
     while (to <= last && rising[to] - rising[to - 1] <= BETWEEN_LINES) to++;
     narrow &&= rising[to - 1] - rising[from] <= WIDEST_LINE;
-    means.push(rising.subarray(from, to).reduce((sum, one) => sum + one, 0) / (to - from));
+    let sum = 0;
+    for (let i = from; i < to; i++) sum += rising[i];
+    means.push(sum / (to - from));
   }
   if (means.length <= MOST_ROWS && narrow) return Float64Array.from(means);
   const half = MOST_ROWS / 2;
@@ -334,10 +355,17 @@ function intensitiesOf(message: CloudMessage): Uint8Array {
   const field = ["intensity", "reflectivity", "i"].map((name) => namedField(message.head, name)).find(Boolean);
   if (!field) return new Uint8Array(message.points);
   const given = message.values(field);
-  const values = floats(given.length, (i) => (Number.isFinite(given[i]) ? given[i] : 0));
-  const most = values.reduce((sum, value) => Math.max(sum, value), 0);
-  const scale = most > 0 && most <= 1 && values.some((value) => !Number.isInteger(value)) ? 255 : 1;
-  return new Uint8Array(ints(values.length, (i) => Math.min(Math.max(nearest(values[i] * scale), 0), 255)));
+  const values = Float64Array.from(given);
+  let [most, fractions] = [0, false];
+  for (let i = 0; i < values.length; i++) {
+    if (!Number.isFinite(values[i])) values[i] = 0;
+    most = Math.max(most, values[i]);
+    fractions ||= !Number.isInteger(values[i]);
+  }
+  const scale = most > 0 && most <= 1 && fractions ? 255 : 1;
+  const found = new Uint8Array(values.length);
+  for (let i = 0; i < found.length; i++) found[i] = Math.min(Math.max(nearest(values[i] * scale), 0), 255);
+  return found;
 }
 
 /** Of points in one cell the nearest stays. */
@@ -350,7 +378,8 @@ function painted(
 ): CloudImage {
   const { row, column, elevation, rotation, azimuth } = drawn;
   const [rows, width] = [elevation.length, azimuth.length];
-  const far = range.reduce((most, one) => Math.max(most, one), 0);
+  let far = 0;
+  for (const one of range) far = Math.max(far, one);
   let stepM = STEP_M;
   while (far > stepM * MAX_U16) stepM *= 2;
   const [image, intensity] = [new Uint16Array(rows * width), new Uint8Array(rows * width)];
