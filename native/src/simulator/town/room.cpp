@@ -1,5 +1,6 @@
 // The scene `room`: a laboratory. The sensor stands still on a table among boxes, screens and people, as most sensors
 // do when they are tried out; half of what it sees is nearer than a metre. Every seed is another room.
+// Each random number is drawn in a statement of its own: compilers differ in the order of arguments.
 #include <array>
 
 #include "simulator/town/models.hpp"
@@ -26,8 +27,11 @@ class Room final : public World {
     for (int side = 0; side < 4; ++side) add_wall(rng, side);
     add_table(rng);
     for (int n = 0; n < 30; ++n) add_furniture(rng);
-    for (Person& person : people_)
-      person = {rng.unit(), rng.between(0.75, 1.1) + 1.6 * rng.unit() * rng.unit(), rng.between(0.1, 0.3), rng.next()};
+    for (Person& person : people_) {
+      const double turn = rng.unit(), near = rng.between(0.75, 1.1), u = rng.unit(), v = rng.unit();
+      const double sway = rng.between(0.1, 0.3);
+      person = {turn, near + 1.6 * u * v, sway, rng.next()};
+    }
   }
 
   Pose pose(std::int64_t) override { return pose_of({0, 0, kSensor}, 1, 0, 0, 0); }
@@ -103,7 +107,9 @@ class Room final : public World {
     on(0.05, door, door + 0.9, 0, 2.0, M::Painted, paint(rng));
     for (int n = 0; n < 30; ++n) {
       const double u = rng.between(-most, most - 0.5), z = rng.between(0.4, 1.9);
-      on(rng.between(0.01, 0.04), u, u + rng.between(0.2, 1.2), z, z + rng.between(0.1, 0.6), M::Painted, paint(rng));
+      const float colour = paint(rng);
+      const double high = rng.between(0.1, 0.6), wide = rng.between(0.2, 1.2), front = rng.between(0.01, 0.04);
+      on(front, u, u + wide, z, z + high, M::Painted, colour);
     }
     if (rng.chance(0.6)) {  // a window, through which beams are lost
       const double u = rng.between(-most, most - 2.0);
@@ -114,29 +120,34 @@ class Room final : public World {
       on(0.4, from, from + width, z - 0.03, z, M::Metal, 0);
       for (double u = from; u < from + width; u += rng.between(0.04, 0.22)) {
         if (!rng.chance(0.75)) continue;
-        on(rng.between(0.1, 0.4), u, u + rng.between(0.03, 0.2), z, z + rng.between(0.08, 0.33), M::Painted,
-           paint(rng));
+        const float colour = paint(rng);
+        const double high = rng.between(0.08, 0.33), wide = rng.between(0.03, 0.2), front = rng.between(0.1, 0.4);
+        on(front, u, u + wide, z, z + high, M::Painted, colour);
       }
     }
   }
 
   void add_table(Rng& rng) {
     const double half = rng.between(0.5, 0.75);
-    add({0, 0, 0}, rng.unit(), 0.5F, Label::Other, rng.next(),
+    const std::uint64_t table = rng.next();
+    add({0, 0, 0}, rng.unit(), 0.5F, Label::Other, table,
         {box(M::Painted, -half, half, -half, half, kTable - 0.03, kTable)});
     for (int n = 0; n < 24; ++n) {
-      const double turns = rng.unit(), near = rng.between(0.34, 0.8), wide = 0.012 + 0.10 * rng.unit() * rng.unit();
-      const double high = kTable + 0.05 + 0.32 * rng.unit() * rng.unit();
-      add({0, 0, 0}, turns, paint(rng), Label::Other, rng.next(),
-          {box(M::Painted, near, near + rng.between(0.03, 0.2), -wide, wide, kTable, high)});
+      const double turns = rng.unit(), near = rng.between(0.34, 0.8), u = rng.unit(), v = rng.unit();
+      const double wide = 0.012 + 0.10 * u * v, a = rng.unit(), b = rng.unit();
+      const double high = kTable + 0.05 + 0.32 * a * b, far = near + rng.between(0.03, 0.2);
+      const std::uint64_t id = rng.next();
+      add({0, 0, 0}, turns, paint(rng), Label::Other, id, {box(M::Painted, near, far, -wide, wide, kTable, high)});
       add_papers(rng, {0, 0, 0}, turns, near, wide, kTable, high, 5);
     }
     for (int n = 0; n < 12; ++n) {  // cables, stands and tools
       const double turns = rng.unit(), near = rng.between(0.34, 0.9), lean = rng.between(-0.15, 0.15);
       const double thick = rng.between(0.003, 0.015);
-      add({0, 0, 0}, turns, paint(rng), Label::Other, rng.next(),
+      const double top = kTable + rng.between(0.1, 0.6);
+      const std::uint64_t id = rng.next();
+      add({0, 0, 0}, turns, paint(rng), Label::Other, id,
           {taper(M::Painted, near - thick, near + thick, -thick, thick, kTable, near - thick, near + thick,
-                 lean - thick, lean + thick, kTable + rng.between(0.1, 0.6))});
+                 lean - thick, lean + thick, top)});
     }
     // Screens and partitions around the table.
     const int panels = 1 + rng.below(2);
@@ -144,7 +155,8 @@ class Room final : public World {
       const double near = rng.between(0.45, 0.95), wide = rng.between(0.3, 0.8);
       const double turns = rng.unit(), high = rng.between(1.05, 1.6);
       const bool screen = rng.chance(0.4);
-      add({0, 0, 0}, turns, paint(rng), Label::Other, rng.next(),
+      const std::uint64_t id = rng.next();
+      add({0, 0, 0}, turns, paint(rng), Label::Other, id,
           {box(screen ? M::Cabin : M::Painted, near, near + 0.04, -wide, wide, kTable - 0.4, high)});
       if (!screen) add_papers(rng, {0, 0, 0}, turns, near, wide, kTable, high, 36);
     }
@@ -156,8 +168,9 @@ class Room final : public World {
     for (int n = 0; n < count; ++n) {
       const double u = rng.between(-wide, 0.8 * wide), z = rng.between(low, high - 0.04);
       const double right = min_of(u + rng.between(0.01, 0.12), wide), top = min_of(z + rng.between(0.01, 0.2), high);
-      add(at, turns, paint(rng), Label::Other, rng.next(),
-          {box(M::Painted, front - rng.between(0.001, 0.012), front + 0.01, u, right, z, top)});
+      const double thick = rng.between(0.001, 0.012);
+      const std::uint64_t id = rng.next();
+      add(at, turns, paint(rng), Label::Other, id, {box(M::Painted, front - thick, front + 0.01, u, right, z, top)});
     }
   }
 
@@ -176,8 +189,10 @@ class Room final : public World {
     const double high = rng.between(0.7, 1.9);  // a cabinet, or a stack of boxes
     add(at, turns + twist, colour, Label::Other, rng.next(), {box(M::Painted, -deep, deep, -wide, wide, 0, high)});
     add_papers(rng, at, turns + twist, -deep, wide, 0.1, high, 24);
-    add(at, turns + 2 * twist, paint(rng), Label::Other, rng.next(),
-        {box(M::Painted, -0.6 * deep, 0.6 * deep, -0.6 * wide, 0.5 * wide, high, high + rng.between(0.1, 0.5))});
+    const double top = high + rng.between(0.1, 0.5);
+    const std::uint64_t id = rng.next();
+    add(at, turns + 2 * twist, paint(rng), Label::Other, id,
+        {box(M::Painted, -0.6 * deep, 0.6 * deep, -0.6 * wide, 0.5 * wide, high, top)});
   }
 
   void add_people(double t) {
