@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from lidarcodec import api
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
-from lidarcodec.filling import JUMP_M, between, filled, measured_only
+from lidarcodec.filling import JUMP_M, JUMP_SHARE, between, beyond, filled, measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import Lattice, columns_of, expanded, lattice_of, on_lattice, phase_of, thinned
 from lidarcodec.message import SectionType
@@ -157,36 +156,70 @@ def test_what_is_made_up_lies_between_its_neighbours(a: int, gap: int, data: st.
     assert min(a, near) <= made_up <= max(a, near)
 
 
-def wall(width: int = 200) -> Frame:
-    """A wall seen aslant, 10 m away, with a pole in front of it."""
+@given(st.integers(500, 65535), st.integers(1, 64), st.integers(1, 64), st.data())
+def test_what_lies_beyond_a_return_is_on_one_line_with_the_one_before(
+    a: int, gap: int, place: int, data: st.DataObject
+) -> None:
+    before = data.draw(st.integers(max(1, a - JUMP), min(65535, a + JUMP)))
+    (on,) = beyond(np.array([a]), np.array([before]), place, gap)
+    if on == 0:
+        assert before * gap <= (a - before) * place, "the line leads away for good"
+    elif on <= 65535:
+        (back,) = between(np.array([before]), np.array([on]), gap, gap + place)
+        assert abs(int(back) - a) <= 1
+
+
+def wall(width: int = 200, nearest: float = 0.3, pole: bool = True) -> Frame:
+    """A wall seen aslant, 10 m away at the angle `nearest` (radians), with a pole in front of it."""
     base = made.scene(width // 6 + 1)
     angle = np.radians(np.arange(base.width) * 0.17)
-    away = np.rint(5000 / np.cos(angle - 0.3)).astype(np.uint16)
+    away = np.rint(5000 / np.cos(angle - nearest)).astype(np.uint16)
     ranges = np.broadcast_to(away, base.range.shape).copy()
-    ranges[:, 88:90] = 2000
+    if pole:
+        ranges[:, 88:90] = 2000
     return base.with_(range=ranges, intensity=np.full(base.range.shape, 40, np.uint8))
 
 
 def test_a_wall_is_filled_in_to_the_millimetre_and_a_pole_before_it_stays_a_pole() -> None:
     """A viewer sees no holes beside edges, and nothing that hangs in the air between two surfaces."""
     frame = wall()
-    sent = expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side))
-    back = filled(sent)
+    back, sent = through(frame)
     assert back.filled is not None
     assert back.filled.sum() > 0.8 * frame.range.size
-    off = np.abs(back.range.astype(int) - frame.range)
-    assert 88 in sent.lattice
-    for left, right in pairwise(sent.lattice):
-        if 88 in (left, right):
-            made = back.range[:, left + 1 : right]
-            assert right - left == 8
-            assert np.all(made[:, :3] == frame.range[:, [left]])
-            assert np.all(made[:, 4:] == frame.range[:, [right]])
-            assert not made[:, 3].any(), "midway nobody knows"
-        else:
-            assert off[:, left:right].max() <= 2
+    assert {80, 88, 96} <= set(sent.lattice.tolist())
+    shown = wall(pole=False).range.copy()
+    shown[:, 85:92] = 2000  # half of the gap on either side; midway it is the wall
+    assert np.abs(back.range.astype(int) - shown).max() <= 4
+    assert back.range.all(), "there is no hole beside the pole"
     assert np.array_equal(measured_only(back).range, sent.range)
     assert filled(back) is back
+
+
+def test_a_wall_seen_at_a_flat_angle_is_a_wall_and_no_stairs() -> None:
+    """Neighbours differ by more than a twentieth there: what says that it is one wall is the return before them."""
+    frame = wall(nearest=-0.75, pole=False)
+    back, sent = through(frame)
+    far = frame.range[0, sent.lattice].astype(int)
+    assert (np.diff(far) > JUMP + far[:-1] // JUMP_SHARE).sum() > 5
+    off = np.abs(back.range.astype(int) - frame.range)[:, : sent.lattice[-1]]
+    assert (off / frame.range[:, : sent.lattice[-1]]).max() < 0.02
+    assert np.all(np.diff(back.range[0].astype(int)) > 0), "no stairs"
+
+
+def test_nothing_is_made_up_farther_than_the_farthest_return() -> None:
+    """A range has 16 bits with this sensor: beyond them a decoder of another language would begin anew at nothing."""
+    away = np.linspace(60000, 65535, wall().width).astype(np.uint16)
+    frame = wall().with_(range=np.broadcast_to(away, wall().range.shape).copy())
+    frame = frame.with_(range=np.where(np.arange(frame.width) == frame.width - 1, np.uint16(0), frame.range))
+    back, sent = through(frame)
+    assert int(back.range.max()) == int(sent.range.max()) < 65535
+    assert np.all(np.diff(back.range[0, : int(sent.lattice[-2]) + 1].astype(int)) >= 0)
+
+
+def through(frame: Frame) -> tuple[Frame, Frame]:
+    """The frame as a receiver shows it when every eighth column was sent, and as it was received."""
+    sent = expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side))
+    return filled(sent), sent
 
 
 def test_beside_a_hole_a_return_stands_for_half_of_the_gap() -> None:
@@ -194,12 +227,13 @@ def test_beside_a_hole_a_return_stands_for_half_of_the_gap() -> None:
     ranges = frame.range.copy()
     ranges[:, 80:] = 0
     frame = frame.with_(range=ranges, intensity=np.where(ranges > 0, np.uint8(40), np.uint8(0)))
-    back = filled(expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side)))
+    back, _ = through(frame)
     last = int(back.lattice[back.lattice < 80].max())
-    assert np.all(back.range[:, : last + 4] == 3000)
-    assert np.all(back.intensity[:, : last + 4] == 40)
-    assert not back.range[:, last + 4 :].any()
-    assert not back.intensity[:, last + 4 :].any()
+    first_hole = last + 5  # four columns, with the one midway
+    assert np.all(back.range[:, last:first_hole] == 3000)
+    assert np.all(back.intensity[:, :first_hole] == 40)
+    assert not back.range[:, first_hole:].any()
+    assert not back.intensity[:, first_hole:].any()
 
 
 def test_packets_hold_nothing_that_a_receiver_made_up() -> None:
