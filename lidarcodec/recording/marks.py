@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -78,14 +79,14 @@ class Marks:
     def __len__(self) -> int:
         return len(self._all)
 
-    def add(self, mark: Mark, *, own: bool = True) -> None:
+    def add(self, mark: Mark, *, own: bool = True, instead_of: Sequence[Mark] = ()) -> None:
         """Add a mark, or replace the one of this name. It survives a power failure from then on.
 
-        own: whether the vehicle itself set it
+        own: whether the vehicle itself set it;  instead_of: marks that are released in the same step
 
         Raises SettingsError if there are too many or their texts too long, SourceError if the file cannot be written.
         """
-        others = [one for one in self._all if one.name != mark.name]
+        others = [one for one in self.without(instead_of) if one.name != mark.name]
         share = 1.0 if own else OF_OTHERS
         if len(others) >= (most := int(share * MAX_MARKS)):
             raise SettingsError(f"there are {most} marks, which is the limit: release some first", "mark")
@@ -101,7 +102,11 @@ class Marks:
 
     def covers(self, begin_ns: int, end_ns: int) -> bool:
         """Whether a part of this span is marked."""
-        return self.damaged or any(one.from_ns < end_ns and one.to_ns > begin_ns for one in self._all)
+        return self.damaged or covered(self._all, begin_ns, end_ns)
+
+    def without(self, marks: Sequence[Mark]) -> tuple[Mark, ...]:
+        """All marks but these."""
+        return tuple(one for one in self._all if one not in marks)
 
     def _store(self, marks: tuple[Mark, ...], most: int = MAX_FILE) -> None:
         if self.damaged:
@@ -116,6 +121,11 @@ class Marks:
         except (OSError, SettingsError) as error:
             raise SourceError(f"the marks cannot be stored: {error}") from None
         self._all = marks
+
+
+def covered(marks: Iterable[Mark], begin_ns: int, end_ns: int) -> bool:
+    """Whether a part of a span is in one of these marks."""
+    return any(one.from_ns < end_ns and one.to_ns > begin_ns for one in marks)
 
 
 def _mark_of(told: Any) -> Mark:

@@ -45,6 +45,8 @@ WATCH_S: Final = 1.0
 """Interval at which conditions are looked at."""
 MARK_NS: Final = 15 * 10**9
 """A condition marks so much before and after the moment at which it came true."""
+BY_STATUS: Final = "status"
+"""What a condition's marks are said to be made by."""
 UNMARKED_NS: Final = 600 * 10**9
 """So long it is tried to mark an event that could not be marked, as on a full disk."""
 AGAIN_S: Final = 30.0
@@ -221,27 +223,58 @@ class Keeper:
         tried again then."""
         status = self.status()
         came = [condition.text for condition in self._conditions if condition.came(status)]
-        if came:
-            at_ns = time.time_ns()
-            self._unmarked.append(Mark(f"status-{at_ns}", at_ns - MARK_NS, at_ns + MARK_NS, came[0], "status", at_ns))
+        at_ns = time.time_ns()
+        from_ns = {text: begin for text in came if (begin := self._unmarked_from(text, at_ns)) is not None}
+        if from_ns:
+            reason, begin = next(iter(from_ns.items()))
+            mark = Mark(f"status-{at_ns}", begin, begin + 2 * MARK_NS, reason, BY_STATUS, at_ns)
+            self._unmarked.append(mark)
             error = self._mark()
             if error is not None:
                 raise error
+
+    def _unmarked_from(self, reason: str, at_ns: int) -> int | None:
+        """Where the mark of an event begins; None if marks of its condition have all of it.
+
+        What they have of it is not marked again: a condition that becomes true and false all the time takes a mark for
+        each clip, not for each time.
+        """
+        from_ns = at_ns - MARK_NS
+        marks = [*self._marks_of(reason), *(one for one in self._unmarked if one.reason == reason)]
+        for one in sorted(marks, key=lambda one: one.from_ns):
+            if one.from_ns <= from_ns < one.to_ns:
+                from_ns = one.to_ns
+        return from_ns if from_ns < at_ns + MARK_NS else None
 
     def _mark(self) -> LidarCodecError | None:
         """Mark the events that are not marked yet; the newest error, if any cannot be."""
         found: LidarCodecError | None = None
         for mark in tuple(self._unmarked):
             try:
-                self.kept.mark(mark, own=True)
+                released = self.kept.mark(mark, own=True, instead_of=self._marks_of(mark.reason))
             except LidarCodecError as error:
                 found = error
                 if abs(time.time_ns() - mark.at_ns) <= UNMARKED_NS:
                     continue
             else:
                 logger.info("%s: marked, because %s", self.keys.prefix, mark.reason)
+                if released:
+                    self._say_released(mark, released)
             self._unmarked.remove(mark)
         return found
+
+    def _say_released(self, mark: Mark, count: int) -> None:
+        first = not self.once.counts["marks released"]
+        self.once.counts["marks released"] += count
+        if first:
+            logger.warning(
+                "%s: there is no room for all marks of '%s', so the newest take the place of the oldest (more are only "
+                "counted, as `marks released` in the status)", self.keys.prefix, mark.reason,
+            )  # fmt: skip
+
+    def _marks_of(self, reason: str) -> list[Mark]:
+        """Marks of a condition, oldest first."""
+        return [one for one in self.kept.marks if one.by == BY_STATUS and one.reason == reason]
 
     def _look_after(self, now: float) -> None:
         if now - self._synced_s >= SYNC_S:

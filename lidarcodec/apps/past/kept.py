@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import threading
+from bisect import bisect_left
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
@@ -13,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
 from lidarcodec.recording import RecordingReader
-from lidarcodec.recording.marks import OF_OTHERS, Mark, Marks
+from lidarcodec.recording.marks import MAX_MARKS, OF_OTHERS, Mark, Marks, covered
 from lidarcodec.recording.pieces import Piece, pieces_in, read_piece
 from lidarcodec.recording.recorded_files import recorded_files
 from lidarcodec.transport.keys import StreamKeys
@@ -137,32 +138,37 @@ class Kept:
             raise SettingsError(f"the piece has {len(data)} bytes", "offset")
         return data[offset : offset + size]
 
-    def mark(self, mark: Mark, *, own: bool = False) -> None:
+    def mark(self, mark: Mark, *, own: bool = False, instead_of: Sequence[Mark] = ()) -> int:
         """Keep a span from being overwritten, messages that are yet to come among them.
 
         own: whether the vehicle itself marks it, not somebody over the network
+        instead_of: marks that are released, the first ones first, as far as there is no room otherwise
 
-        Raises SettingsError if the marked files would take too much of the ring, SourceError.
+        Returns how many were released. Raises SettingsError if the marked files would take too much of the ring, and
+        SourceError; then none is released.
         """
         with self._lock:
             spans = [span for _, span in self._files()]
             written, covered_ns = sum(span.size for span in spans), sum(span.end_ns - span.begin_ns for span in spans)
             ahead_ns = max(0, mark.to_ns - max((span.end_ns for span in spans), default=mark.from_ns))
             rate = written / covered_ns if covered_ns > 10**9 else 0.0
-            more = sum(
-                span.size
-                for span in spans
-                if span.begin_ns < mark.to_ns
-                and span.end_ns >= mark.from_ns
-                and not self.marks.covers(span.begin_ns, span.end_ns + 1)
-            )
             share = MARKED_SHARE * (1.0 if own else OF_OTHERS)
-            if self._marked_bytes(spans) + more + rate * ahead_ns > share * self.max_bytes:
+
+            def has_room(released: int) -> bool:
+                staying = (*self.marks.without(instead_of[:released]), mark)
+                if len(staying) > MAX_MARKS and released < len(instead_of):
+                    return False
+                marked = sum(span.size for span in spans if covered(staying, span.begin_ns, span.end_ns + 1))
+                return marked + rate * ahead_ns <= share * self.max_bytes
+
+            if not self.marks.damaged and not has_room(len(instead_of)):
                 raise SettingsError(
                     f"the marked files would take more than {share:.1%} of what is kept: release some marks first",
                     "mark",
                 )
-            self.marks.add(mark, own=own)
+            released = bisect_left(range(len(instead_of)), True, key=has_room)
+            self.marks.add(mark, own=own, instead_of=instead_of[:released])
+            return released
 
     def release(self, name: str) -> bool:
         """Remove a mark. Returns whether there was one. Raises SourceError."""
