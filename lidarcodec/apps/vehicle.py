@@ -22,7 +22,7 @@ from lidarcodec.apps.past.keeper import Keep, Keeper, check_apart
 from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import START_S, Publisher, Rate
 from lidarcodec.apps.recorder import Record
-from lidarcodec.errors import LidarCodecError, TransportError
+from lidarcodec.errors import LidarCodecError, SourceError, TransportError
 from lidarcodec.mounting import Mounting
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import PacketSource
@@ -214,6 +214,9 @@ class _Sensor:
                 return
             except (LidarCodecError, OSError) as error:
                 self.failure = error
+            except BaseException as error:  # no more threads, or a panic of native code: nobody else tells of it
+                logger.exception("unexpected error while publishing %s", self.keys.prefix)
+                self.failure = SourceError(f"unexpected {type(error).__name__}: {error}")
             else:
                 return
             if not self.plan.live:
@@ -241,10 +244,13 @@ class _Sensor:
                 mount=plan.mount,
                 original=plan.original,
             )
-            with publisher:
-                self.failure, self._publisher = None, publisher
-                while not publisher.wait(TICK_S) and not self._stop.is_set():
-                    pass
+            try:
+                with publisher:
+                    self.failure, self._publisher = None, publisher
+                    while not publisher.wait(TICK_S) and not self._stop.is_set():
+                        pass
+            finally:
+                publisher.stop()  # also if not all of its threads could be started
             self.status, self._publisher = _with_earlier(publisher.status(), self.status), None
             if publisher.failure is not None and not self._stop.is_set():
                 raise publisher.failure

@@ -58,6 +58,23 @@ def test_a_sensor_that_fails_is_tried_again_and_never_stops_the_other(monkeypatc
     assert any("car/file stops publishing" in text for text in told)
 
 
+def test_a_sensor_that_ends_by_an_error_of_the_program_is_not_well_and_is_tried_again(monkeypatch):
+    """Its thread ended: it published nothing more, and the health file said that all sensors are well."""
+    monkeypatch.setattr(module, "FIRST_WAIT_S", 0.2)
+    port, attempts = free_port(), []
+
+    def no_threads():
+        attempts.append(1)
+        if len(attempts) < 3:
+            raise RuntimeError("can't start new thread")
+        return Loop()
+
+    with Vehicle("car", [plan("front", no_threads)], lidarcodec.Endpoints(loopback_port=port)) as vehicle:
+        assert eventually(lambda: [one.failure for one in vehicle.states()] != [None], 20)
+        assert [one.failure for one in vehicle.states()] == ["unexpected RuntimeError: can't start new thread"]
+        assert len(frames_of("front", port, 3)) == 3
+
+
 def test_a_source_that_breaks_while_it_is_read_is_opened_again(monkeypatch):
     monkeypatch.setattr(module, "FIRST_WAIT_S", 0.1)
 
