@@ -14,7 +14,7 @@ import secrets
 import shutil
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -163,6 +163,19 @@ class Clips:
                 beside.write_text(json.dumps(record.about()), "utf-8")
         except (OSError, SettingsError) as error:
             raise SourceError(f"the folder of clips cannot be used: {error}") from None
+
+    def with_clip(self, record: Record) -> Record:
+        """The record of a fetch; complete if its clip is here, though that could not be stored, as on a full disk."""
+        if record.state != "running":
+            return record
+        plan = Plan.read(self.plan_file(record), record.clip)
+        try:
+            found = self.clip_file(record).stat()
+        except OSError:
+            return record
+        if not plan.listed:
+            return record
+        return replace(record, state="complete", size=found.st_size, gaps=few(plan.gaps()), ended_ns=found.st_mtime_ns)
 
     def plan_file(self, record: Record) -> Path:
         """Where the plan of a fetch is stored."""

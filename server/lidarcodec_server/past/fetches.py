@@ -79,6 +79,8 @@ class Fetches:
         self._read: Counter[str] = Counter()
         self._wake = threading.Condition()
         self._beginning, self._disk = threading.Lock(), threading.Lock()
+        self._writing = threading.Lock()
+        """For changes of a record that must be on the disk in the order in which they were made."""
         self._stopped = False
         self._threads = [
             threading.Thread(target=self._work, name=f"lidarcodec fetch {number}", daemon=True)
@@ -88,11 +90,14 @@ class Fetches:
     def start(self) -> None:
         """Read the folder, and go on with what was not over."""
         try:
-            for record in self._clips.records():
-                if record.state == "running":
-                    self._jobs[record.id] = self._job(record)
+            found = self._clips.records()
+            for record, now in zip(found, map(self._clips.with_clip, found), strict=True):
+                if now.state == "running":
+                    self._jobs[now.id] = self._job(now)
                 else:
-                    self._ended[record.id] = record
+                    self._ended[now.id] = now
+                    if now is not record:
+                        self._clips.write(now)
         except SourceError as error:
             logger.warning("the list of earlier fetches cannot be read: %s", error)
         for thread in self._threads:
@@ -177,18 +182,19 @@ class Fetches:
 
         Raises SourceError if that cannot be stored.
         """
-        with self._wake:
-            job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
-            done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
-            found = job.record if job is not None else done[-1] if done else None
-            if found is None or found.stays:
-                return found
-            found = replace(found, stays=True)
-            if job is not None:
-                job.record = found
-            else:
-                self._ended[found.id] = found
-        self._clips.write(found)
+        with self._writing:
+            with self._wake:
+                job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
+                done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
+                found = job.record if job is not None else done[-1] if done else None
+                if found is None or found.stays:
+                    return found
+                found = replace(found, stays=True)
+                if job is not None:
+                    job.record = found
+                else:
+                    self._ended[found.id] = found
+            self._clips.write(found)
         return found
 
     def cancel(self, name: str) -> Record:
@@ -335,20 +341,25 @@ class Fetches:
     def _end(
         self, job: _Job, state: Any, reason: str | None, size: int = 0, gaps: Any = (), missing: int | None = None
     ) -> Record:
-        over = {"state": state, "reason": reason, "size": size, "gaps": gaps, "missing": missing}
-        record = replace(job.record, **over, ended_ns=time.time_ns())
-        with self._wake:
-            self._jobs.pop(record.id, None)
-            self._ended[record.id] = record
-            others = [one.fetch.plan for one in self._jobs.values()]
-            surplus = [one for one in self._ended.values() if one.state != "complete"]
-            surplus = surplus[: max(0, len(self._ended) - MAX_ENDED)]
-            for one in surplus:
-                self._ended.pop(one.id, None)
-        try:
-            self._clips.write(record)
-        except SourceError as error:
-            logger.warning("fetch %s is %s, but this could not be stored: %s", record.id, state, error)
+        with self._writing:
+            with self._wake:
+                if job.cancelled and state == "complete":  # while the clip was written
+                    state, size, gaps, missing = "cancelled", 0, (), None
+                over = {"state": state, "reason": reason, "size": size, "gaps": gaps, "missing": missing}
+                record = replace(job.record, **over, ended_ns=time.time_ns())
+                self._jobs.pop(record.id, None)
+                self._ended[record.id] = record
+                others = [one.fetch.plan for one in self._jobs.values()]
+                surplus = [one for one in self._ended.values() if one.state != "complete"]
+                surplus = surplus[: max(0, len(self._ended) - MAX_ENDED)]
+                for one in surplus:
+                    self._ended.pop(one.id, None)
+            try:
+                self._clips.write(record)
+            except SourceError as error:
+                logger.warning("fetch %s is %s, but this could not be stored: %s", record.id, state, error)
+        if state != "complete":
+            self._clips.clip_file(record).unlink(missing_ok=True)
         with self._disk:
             self._clips.forget_pieces(job.fetch.plan, others)
         for one in surplus:

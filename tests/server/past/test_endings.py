@@ -1,0 +1,112 @@
+"""How fetches end at bad moments: cancelled while their clip is written, on a full disk, and while somebody keeps it."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from lidarcodec.apps.past.plan import Clip
+from lidarcodec_server.past.clips import Clips
+from lidarcodec_server.past.fetches import Fetches
+from tests.apps.past.kept_drive import KEYS, at
+from tests.transport.test_contract import eventually
+
+CLIP = Clip(KEYS, at(12), at(27))
+
+
+class Pausing(Clips):
+    """A folder of clips that calls a function before the state of a fetch that is complete is stored."""
+
+    def __init__(self, folder, before):
+        super().__init__(folder, 1 << 30)
+        self.before = before
+
+    def write(self, record):
+        if record.state == "complete":
+            self.before(record)
+        super().write(record)
+
+
+@pytest.fixture
+def beginning(keeping, network, tmp_path):
+    """Function that starts fetches of car-7 into the folder; they are closed after the test. clips: the folder"""
+    keeping()
+    started = []
+
+    def begin(clips):
+        started.append(Fetches(clips, network.transport))
+        started[-1].start()
+        return started[-1]
+
+    yield begin
+    for one in started:
+        one.close()
+
+
+def state(fetches, record):
+    return fetches.state(record.id)[0].state
+
+
+def test_a_fetch_that_is_cancelled_while_its_clip_is_written_is_cancelled(beginning, tmp_path):
+    """The answer was that it is cancelled; then it was complete, and took room."""
+    clips = Clips(tmp_path / "clips", 1 << 30)
+    fetches = beginning(clips)
+    write, writing, go_on = fetches._assemble, threading.Event(), threading.Event()
+
+    def assembled(job, plan):
+        found = write(job, plan)
+        writing.set()
+        assert go_on.wait(60)
+        return found
+
+    fetches._assemble = assembled
+    record = fetches.begin(CLIP, "olga")
+    assert writing.wait(60)
+    fetches.cancel(record.id)
+    go_on.set()
+    assert eventually(lambda: state(fetches, record) != "running", 60)
+    assert state(fetches, record) == "cancelled"
+    assert fetches.here(CLIP) is None
+    assert eventually(lambda: not list(clips.store.folder.glob("*")), 60)
+    assert not clips.clip_file(record).exists()
+
+
+def test_a_clip_whose_end_could_not_be_stored_is_here_after_a_restart(beginning, tmp_path):
+    """On a full disk. It was fetched again, though it was here, and it was lost if the vehicle was away."""
+
+    def full(record):
+        raise clips._unusable(OSError(28, "No space left on device"))
+
+    clips = Pausing(tmp_path / "clips", full)
+    fetches = beginning(clips)
+    record = fetches.begin(CLIP, "olga")
+    assert eventually(lambda: state(fetches, record) == "complete", 60)
+    fetches.close()
+    again = Fetches(Clips(tmp_path / "clips", 1 << 30), lambda: None)  # the vehicle is away
+    again.start()
+    found = again.here(CLIP)
+    again.close()
+    assert found is not None
+    assert (found.state, found.size) == ("complete", clips.clip_file(record).stat().st_size)
+    assert next(iter(Clips(tmp_path / "clips", 1 << 30).records())).state == "complete"
+
+
+def test_a_clip_that_is_kept_at_the_moment_it_is_complete_stays_and_stays_complete(beginning, tmp_path):
+    """The later of two writes won: it was not kept, or was running again after a restart."""
+    keeping, kept = threading.Thread(target=lambda: fetches.keep(CLIP)), threading.Event()
+
+    def keep(record):
+        if not kept.is_set():
+            kept.set()
+            keeping.start()
+            keeping.join(2.0)  # as far as it comes
+
+    clips = Pausing(tmp_path / "clips", keep)
+    fetches = beginning(clips)
+    fetches.begin(CLIP, "olga")
+    assert kept.wait(60)
+    fetches.close()
+    keeping.join(60)
+    (found,) = Clips(tmp_path / "clips", 1 << 30).records()
+    assert (found.state, found.stays) == ("complete", True)
