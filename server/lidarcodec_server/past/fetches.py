@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -90,14 +91,11 @@ class Fetches:
     def start(self) -> None:
         """Read the folder, and go on with what was not over."""
         try:
-            found = self._clips.records()
-            for record, now in zip(found, map(self._clips.with_clip, found), strict=True):
-                if now.state == "running":
-                    self._jobs[now.id] = self._job(now)
+            for record in map(self._clips.with_clip, self._clips.records()):
+                if record.state == "running":
+                    self._jobs[record.id] = self._job(record)
                 else:
-                    self._ended[now.id] = now
-                    if now is not record:
-                        self._clips.write(now)
+                    self._ended[record.id] = record
         except SourceError as error:
             logger.warning("the list of earlier fetches cannot be read: %s", error)
         for thread in self._threads:
@@ -359,7 +357,8 @@ class Fetches:
             except SourceError as error:
                 logger.warning("fetch %s is %s, but this could not be stored: %s", record.id, state, error)
         if state != "complete":
-            self._clips.clip_file(record).unlink(missing_ok=True)
+            with suppress(OSError):
+                self._clips.clip_file(record).unlink()
         with self._disk:
             self._clips.forget_pieces(job.fetch.plan, others)
         for one in surplus:
