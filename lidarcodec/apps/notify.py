@@ -28,6 +28,8 @@ VARIABLES: Final = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 A_LIMIT: Final = 3
 """A service says that it is alive this often within the time after which systemd ends it."""
 SEND_S: Final = 1.0
+AGAIN_S: Final = 1.0
+"""Interval at which it is tried again to say that the service is ready: without that, the manager ends the service."""
 MICROSECONDS: Final = re.compile(r"[1-9][0-9]{0,15}")
 
 
@@ -48,9 +50,12 @@ class Manager:
         meant = MICROSECONDS.fullmatch(limit) is not None and process in ("", str(os.getpid()))
         return cls(address, int(limit) / 1e6 / A_LIMIT if meant else None)
 
-    def ready(self, text: str) -> None:
-        """The service works from here on. text: what it does, for `systemctl status`"""
-        self._send(f"READY=1\nSTATUS={' '.join(text.split())}")
+    def ready(self, text: str) -> bool:
+        """The service works from here on. text: what it does, for `systemctl status`
+
+        Returns whether the manager got it, or there is none.
+        """
+        return self._send(f"READY=1\nSTATUS={' '.join(text.split())}")
 
     def alive(self) -> None:
         """The service still works."""
@@ -60,9 +65,9 @@ class Manager:
         """The service has begun to end."""
         self._send("STOPPING=1")
 
-    def _send(self, text: str) -> None:
+    def _send(self, text: str) -> bool:
         if self._address is None:
-            return
+            return True
         address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as out:
@@ -72,6 +77,8 @@ class Manager:
             if not self._complained:
                 logger.warning("the service manager at %s does not receive notifications: %s", self._address, error)
             self._complained = True
+            return False
+        return True
 
 
 @contextmanager
@@ -84,18 +91,20 @@ def told_ready(text: str, state: Callable[[], object], manager: Manager | None =
     manager = manager or Manager.of(os.environ)
     stop = threading.Event()
 
-    def run(every_s: float) -> None:
-        while not stop.wait(every_s):
+    def run(ready: bool) -> None:
+        while not ready and not stop.wait(AGAIN_S):  # its socket was full, or not there yet
+            ready = manager.ready(text)
+        while manager.every_s is not None and not stop.wait(manager.every_s):
             try:
                 state()
             except Exception:  # it answered, so it is alive
                 logger.exception("the state of the service could not be sent to the service manager")
             manager.alive()
 
-    manager.ready(text)
+    ready = manager.ready(text)
     threads = []
-    if manager.every_s is not None:
-        threads.append(threading.Thread(target=run, args=(manager.every_s,), name="lidarcodec alive", daemon=True))
+    if manager.every_s is not None or not ready:
+        threads.append(threading.Thread(target=run, args=(ready,), name="lidarcodec alive", daemon=True))
         threads[0].start()
     try:
         yield

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from lidarcodec.apps import notify
 from lidarcodec.apps.notify import Manager, told_ready
 from tests.command_line import run_here, start
 from tests.transport.conftest import free_port
@@ -93,6 +94,22 @@ def test_nothing_is_told_while_the_state_cannot_be_read(monkeypatch, tmp_path):
             manager.settimeout(LIMIT_S)
             hangs.set()
             assert manager.recv(4096) == b"WATCHDOG=1"
+        assert told(manager)[-1] == "STOPPING=1"
+
+
+@pytest.mark.parametrize("watchdog_s", [None, 0.3])
+def test_a_socket_that_was_full_at_the_start_gets_to_know_that_the_service_is_ready(monkeypatch, tmp_path, watchdog_s):
+    """It was told once: a service that published was ended after a minute and a half, and started again, and so on."""
+    monkeypatch.setattr(notify, "SEND_S", 0.05)
+    monkeypatch.setattr(notify, "AGAIN_S", 0.05)
+    with listening(monkeypatch, str(tmp_path / "notify"), watchdog_s) as manager:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other, pytest.raises(BlockingIOError):
+            other.setblocking(False)
+            while True:
+                other.sendto(b"STATUS=of another service", str(tmp_path / "notify"))
+        with told_ready("working", dict):
+            assert told(manager, "READY=1\nSTATUS=working")[0] == "STATUS=of another service"
+            assert watchdog_s is None or told(manager, "WATCHDOG=1")
         assert told(manager)[-1] == "STOPPING=1"
 
 
