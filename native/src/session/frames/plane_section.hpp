@@ -25,7 +25,7 @@ struct NamedPlane {
 struct PlaneSection {
   std::size_t rows = 0;
   std::vector<std::int32_t> shift;  // columns by which each row moves, so that a column looks in one direction
-  std::vector<NamedPlane> planes;  // the first is `range`
+  std::vector<NamedPlane> planes;   // the first is `range`
 };
 
 class PlaneMemory;  // images/memory.hpp: what planes that follow others remember
