@@ -46,9 +46,7 @@ class Page final : public lidarcodec::Outside {
   }
   // The page's own inflate answers later, so it opens a picture before its message is pushed.
   bool opens_pictures(Codec codec) const override { return codec == Codec::Png; }
-  std::optional<std::vector<std::uint16_t>> picture(const lidarcodec::Picture&) const override {
-    return samples;
-  }
+  std::optional<std::vector<std::uint16_t>> picture(const lidarcodec::Picture&) const override { return samples; }
   std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const override {
     const auto found = given.find(name);
     return found == given.end() ? std::nullopt : std::optional(found->second);
