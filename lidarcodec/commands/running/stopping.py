@@ -94,7 +94,15 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
         lock that it needs: in `Event.wait`, for instance. It has returned, or WAKE_S have passed, when the block ends.
     """
     asked_s: float | None = None
-    woken = threading.Event()
+    interrupted = over = False
+    woken, main_thread = threading.Event(), threading.get_ident()  # handlers are set in no other thread
+
+    def interrupt() -> None:
+        """Interrupt the main thread by real signals until it is interrupted: one that comes just before a wait does not
+        end it. `_thread.interrupt_main` only sets a flag, which a wait for a lock sees when it is over."""
+        while not (interrupted or over) and signal.getsignal(signal.SIGINT) is ask:
+            signal.pthread_kill(main_thread, signal.SIGINT)
+            time.sleep(0.05)
 
     def end_the_wait() -> None:
         nonlocal asked_s
@@ -103,18 +111,17 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
                 wake()
         except BaseException:  # nothing ends the wait now: interrupt it, as a later second signal would
             asked_s = -SAME_WISH_S
-            # A real signal: `_thread.interrupt_main` only sets a flag, which a wait for a lock sees when it is over.
-            if signal.getsignal(signal.SIGINT) is ask and (waits := threading.main_thread().ident) is not None:
-                signal.pthread_kill(waits, signal.SIGINT)
+            interrupt()
             raise
         finally:
             woken.set()
 
     def ask(number: int, _frame: FrameType | None) -> None:
-        nonlocal asked_s
+        nonlocal asked_s, interrupted
         _note(number)
         if asked_s is not None:
             if time.monotonic() - asked_s >= SAME_WISH_S:
+                interrupted = True
                 raise KeyboardInterrupt
             return
         asked_s = time.monotonic()
@@ -131,6 +138,7 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
     try:
         yield lambda: asked_s is not None
     finally:
+        over = True
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
         if asked_s is not None and wake is not None:
