@@ -17,6 +17,7 @@ from lidarcodec.transport import Endpoints
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 from tests.commands.test_json import check
+from tests.drives import simulated
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -25,9 +26,7 @@ PIPE_TO_NOBODY = "{} | true; exit ${{PIPESTATUS[0]}}"
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
-    path = tmp_path_factory.mktemp("town") / "town.pcap"
-    assert run_here("simulate", "sim:city", path, "--frames", 12).returncode == 0
-    return path
+    return simulated("sim:city", tmp_path_factory.mktemp("town") / "town.pcap", "--frames", 12)
 
 
 @pytest.fixture

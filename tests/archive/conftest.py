@@ -89,12 +89,11 @@ def bucket(tmp_path_factory):
 @pytest.fixture(scope="session")
 def drive(tmp_path_factory) -> Path:
     """A folder with a short simulated capture of car-7/roof: 1.2 s of a VLP-16, which are two segments of a second."""
-    from tests.command_line import run_here
+    from tests.drives import simulated
 
     folder = tmp_path_factory.mktemp("drive") / "car-7" / "roof"
     folder.mkdir(parents=True)
-    done = run_here("simulate", "sim:city?sensor=vlp16&frames=13", folder / "drive.pcap")
-    assert done.returncode == 0, done.stderr
+    simulated("sim:city?sensor=vlp16&frames=13", folder / "drive.pcap")
     return folder.parent.parent
 
 

@@ -15,6 +15,7 @@ from lidarcodec.commands.outputs.base import NARROW
 from lidarcodec.errors import UnknownNameError
 from lidarcodec.sensors.clouds.message import read_message
 from tests.command_line import run_here, the_one_line
+from tests.drives import simulated
 
 SWEEP = pytest.mark.sweep
 START_S = 1_767_225_600
@@ -26,7 +27,7 @@ def drive(tmp_path_factory):
     """A capture of three turns beside its recording, its bag, and its poses, at 20 m/s."""
     folder = tmp_path_factory.mktemp("drive")
     capture, recording = folder / "drive.pcap", folder / "drive.mcap"
-    assert run_here("simulate", "sim:street", capture, "--frames", 3).returncode == 0
+    simulated("sim:street", capture, "--frames", 3)
     assert run_here("encode", capture, recording).returncode == 0
     assert run_here("convert", capture, folder / "bag").returncode == 0
     lines = (f"{START_S + 0.1 * i:.1f} {2.0 * i} 0 0 0 0 0 1\n" for i in range(5))

@@ -9,6 +9,7 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.wire import unpack
 from tests.command_line import run_here, the_one_line
 from tests.commands.test_json import check
+from tests.drives import simulated
 from tests.recording.damaged import damaged_message
 
 
@@ -17,7 +18,7 @@ def drive(tmp_path_factory):
     """Eight frames, a key frame every third, with their points; and their capture."""
     folder = tmp_path_factory.mktemp("drive")
     capture, recording = folder / "drive.pcap", folder / "drive.mcap"
-    assert run_here("simulate", "sim:city", capture, "--frames", 8).returncode == 0
+    simulated("sim:city", capture, "--frames", 8)
     words = ("--codec", "zstd", "--set", "key_interval=3", "--with-clouds")
     assert run_here("encode", capture, recording, *words).returncode == 0
     return folder

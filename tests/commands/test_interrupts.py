@@ -18,6 +18,7 @@ import pytest
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import run_here, start
+from tests.drives import simulated
 from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 
@@ -32,7 +33,7 @@ SIGNALS = sampled([signal.SIGINT, signal.SIGTERM], [signal.SIGTERM])
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a capture and its recording."""
     folder = tmp_path_factory.mktemp("drive")
-    assert run_here("simulate", SOURCE, folder / "drive.pcap").returncode == 0
+    simulated(SOURCE, folder / "drive.pcap")
     assert run_here("encode", folder / "drive.pcap", folder / "drive.mcap").returncode == 0
     return folder
 

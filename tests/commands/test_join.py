@@ -14,6 +14,7 @@ from lidarcodec.recording import RecordingReader, RotatingRecorder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
+from tests.drives import simulated
 from tests.recording.damaged import damaged_message
 from tests.sources import captures as c
 
@@ -35,8 +36,7 @@ def messages_in(path: Path) -> list[bytes]:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a capture."""
     folder = tmp_path_factory.mktemp("drive")
-    assert run_here("simulate", SOURCE, folder / "drive.pcap").returncode == 0
-    return folder / "drive.pcap"
+    return simulated(SOURCE, folder / "drive.pcap")
 
 
 @pytest.mark.parametrize(

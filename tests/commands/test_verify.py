@@ -15,6 +15,7 @@ from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.verify import PacketsByTime
 from tests.command_line import run_here
+from tests.drives import simulated
 from tests.packets import turning
 
 FRAMES = 4
@@ -25,7 +26,7 @@ SOURCE = f"sim:city?frames={FRAMES}"
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a capture, and recordings of all of it and of parts."""
     folder = tmp_path_factory.mktemp("drive")
-    assert run_here("simulate", SOURCE, folder / "drive.pcap").returncode == 0
+    simulated(SOURCE, folder / "drive.pcap")
     for name, words in (
         ("whole", ()), ("begin", ("--frames", 2)), ("end", ("--skip", 1)), ("last", ("--skip", 3)),
         ("first", ("--frames", 1)),

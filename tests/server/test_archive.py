@@ -22,6 +22,7 @@ from lidarcodec_server.archived.archived import Archived
 from lidarcodec_server.archived.copies import Copies
 from lidarcodec_server.archived.errors import FullError
 from tests.command_line import run_here
+from tests.drives import simulated
 from tests.server.live import running
 from tests.transport.test_contract import eventually
 
@@ -35,7 +36,7 @@ def made(tmp_path_factory) -> Path:
     roof = folder / "in" / "car-7" / "roof"
     roof.mkdir(parents=True)
     scene = "sim:city?sensor=vlp16&frames=13"
-    assert run_here("simulate", scene, str(roof / "drive.pcap")).returncode == 0
+    simulated(scene, roof / "drive.pcap")
     with lidarcodec.open_source(scene) as source:
         start = next(iter(source.packets())).stamp_ns
         stamps = np.arange(start, start + 2 * 10**9, 10**8)

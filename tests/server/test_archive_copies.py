@@ -24,6 +24,7 @@ from lidarcodec_server.archived.copies import PREFIX, Copies
 from lidarcodec_server.archived.errors import BusyArchiveError, FullError
 from lidarcodec_server.archived.finding import Wanted, segment_of
 from tests.command_line import run_here
+from tests.drives import simulated
 
 KILLED = """
 import sys
@@ -43,7 +44,7 @@ def archive(tmp_path_factory) -> Archive:
     folder = tmp_path_factory.mktemp("archive")
     roof = folder / "in" / "car-7" / "roof"
     roof.mkdir(parents=True)
-    assert run_here("simulate", "sim:city?sensor=vlp16&frames=12", str(roof / "drive.pcap")).returncode == 0
+    simulated("sim:city?sensor=vlp16&frames=12", roof / "drive.pcap")
     done = run_here("archive", "run", str(folder / "in"), str(folder / "out"), "--workers", "here", "--seconds", "1")
     assert done.returncode == 0, done.stderr
     return Archive(folder / "out")
