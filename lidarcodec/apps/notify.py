@@ -39,6 +39,8 @@ class Manager:
     def __init__(self, address: str | None = None, every_s: float | None = None) -> None:
         """address: path of its socket, or a name that begins with `@`"""
         self._address, self.every_s = address, every_s if address else None
+        self.wait_s = SEND_S
+        """Longest wait while the socket of the manager is full."""
         self._complained = False
 
     @classmethod
@@ -57,9 +59,9 @@ class Manager:
         """
         return self._send(f"READY=1\nSTATUS={' '.join(text.split())}")
 
-    def alive(self) -> None:
-        """The service still works."""
-        self._send("WATCHDOG=1")
+    def alive(self) -> bool:
+        """The service still works. Returns whether the manager got it, or there is none."""
+        return self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
         """The service has begun to end."""
@@ -71,7 +73,7 @@ class Manager:
         address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as out:
-                out.settimeout(SEND_S)
+                out.settimeout(self.wait_s)
                 out.sendto(text.encode(), address)
         except (OSError, ValueError) as error:
             if not self._complained:

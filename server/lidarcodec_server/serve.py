@@ -16,7 +16,7 @@ from typing import Any
 
 import uvicorn
 
-from lidarcodec.apps.notify import Manager
+from lidarcodec.apps.notify import AGAIN_S, Manager
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
@@ -52,6 +52,8 @@ class Listening(uvicorn.Server):
         self._accept, self._ready = accept, ready
         self._acceptor: Acceptor | None = None
         self._manager = Manager.of(os.environ)
+        self._manager.wait_s = 0.0  # it is told from the event loop
+        self._told_ready = False
         self._telling: asyncio.TimerHandle | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -61,14 +63,18 @@ class Listening(uvicorn.Server):
             return
         self._acceptor = self._accept(self._protocol)
         print(self._ready, flush=True)
-        self._manager.ready("serving")
-        self._tell_alive()
+        self._tell_manager()
 
-    def _tell_alive(self) -> None:
-        """Tell the service manager, from the event loop: while the loop is blocked, the manager hears nothing."""
-        if self._manager.every_s is not None:
-            self._manager.alive()
-            self._telling = asyncio.get_running_loop().call_later(self._manager.every_s, self._tell_alive)
+    def _tell_manager(self) -> None:
+        """Tell the service manager that the server is ready, and then that it is alive, from the event loop: while the
+        loop is blocked, the manager hears nothing. What it did not get is told again soon."""
+        if not self._told_ready:
+            self._told_ready = heard = self._manager.ready("serving")
+        else:
+            heard = self._manager.alive()
+        next_s = self._manager.every_s if heard else AGAIN_S
+        if next_s is not None:
+            self._telling = asyncio.get_running_loop().call_later(next_s, self._tell_manager)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop accepting connections, and end."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import threading
-from contextlib import contextmanager
+import time
+import urllib.request
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -97,16 +100,44 @@ def test_nothing_is_told_while_the_state_cannot_be_read(monkeypatch, tmp_path):
         assert told(manager)[-1] == "STOPPING=1"
 
 
+def fill(path):
+    """Fill the socket at a path, as many other services do at the same time."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other:
+        other.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                other.sendto(b"STATUS=of another service", str(path))
+
+
+def test_a_server_whose_manager_does_not_listen_works_and_tells_it_later(monkeypatch, tmp_path):
+    """The wait for a full socket stopped all viewers for a second each time, and READY=1 was told once."""
+    with listening(monkeypatch, str(tmp_path / "notify"), watchdog_s=0.3) as manager:
+        fill(tmp_path / "notify")
+        words = ("serve", "--port", 0, "--database-url", "sqlite:///server.db", "--listen")
+        process = start(*words, f"tcp/127.0.0.1:{free_port()}", cwd=tmp_path)
+        try:
+            port = int(re.search(r":(\d+) until", process.stdout.readline())[1])
+            took, end = [], time.monotonic() + 6.0
+            while time.monotonic() < end:
+                before = time.monotonic()
+                with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=LIMIT_S) as answer:
+                    answer.read()
+                took.append(time.monotonic() - before)
+            assert sum(one >= 1.0 for one in took) < 2, "one may be this machine's"
+            assert told(manager, until="READY=1\nSTATUS=serving")
+            assert told(manager, until="WATCHDOG=1")
+        finally:
+            process.kill()
+            process.communicate()
+
+
 @pytest.mark.parametrize("watchdog_s", [None, 0.3])
 def test_a_socket_that_was_full_at_the_start_gets_to_know_that_the_service_is_ready(monkeypatch, tmp_path, watchdog_s):
     """It was told once: a service that published was ended after a minute and a half, and started again, and so on."""
     monkeypatch.setattr(notify, "SEND_S", 0.05)
     monkeypatch.setattr(notify, "AGAIN_S", 0.05)
     with listening(monkeypatch, str(tmp_path / "notify"), watchdog_s) as manager:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other, pytest.raises(BlockingIOError):
-            other.setblocking(False)
-            while True:
-                other.sendto(b"STATUS=of another service", str(tmp_path / "notify"))
+        fill(tmp_path / "notify")
         with told_ready("working", dict):
             assert told(manager, "READY=1\nSTATUS=working")[0] == "STATUS=of another service"
             assert watchdog_s is None or told(manager, "WATCHDOG=1")
