@@ -34,7 +34,7 @@ from lidarcodec.errors import (
 )
 from lidarcodec.files.regular import open_regular
 from lidarcodec.maps.points import COLUMNS, LOCAL, MapFrame, MapPoints
-from lidarcodec.maps.tiles import MOST_PLACE, POINTS_PER_BYTE, Tile, decode_tile, encode_tile, tiles_of
+from lidarcodec.maps.tiles import MOST_PLACE, POINTS_PER_BYTE, Tile, decode_tile, encode_tile, place_in, tiles_of
 
 MAGIC: Final = b"LCMAP\r\n\x1a"
 VERSION: Final = (1, 0)
@@ -238,10 +238,10 @@ class MapReader:
 
     def tile(self, place: Place) -> Tile:
         """A tile of `places`. Raises ChecksumError, TruncatedError, SectionError."""
-        found = decode_tile(self._take(place.offset, place.size), self.head.width, self.head.bits)
-        if (found.x, found.y) != (place.x, place.y):
+        data = self._take(place.offset, place.size)
+        if place_in(data) != (place.x, place.y):  # before it is decoded, which may take seconds
             raise HeaderError("a tile of the map does not match the index", place.offset)
-        return found
+        return decode_tile(data, self.head.width, self.head.bits)
 
     def tiles(self) -> Iterator[Tile]:
         """All tiles, in the order of the file."""

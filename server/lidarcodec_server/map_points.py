@@ -12,17 +12,19 @@ from typing import Final
 
 import numpy as np
 
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.maps.file import TILE_M, Head
 from lidarcodec.maps.served.manifest import Piece
 from lidarcodec.maps.served.shelf import ShelvedMap
-from lidarcodec.maps.tiles import decode_tile, points_in
+from lidarcodec.maps.tiles import decode_tile, place_in, points_in
 
 MOST_DRAWN: Final = 100_000
 """Points of a tile that are handed out; of others every second, third and so on."""
 MOST_DECODED: Final = 1_000_000
 """Tiles with more points are not drawn: they would take too much memory here."""
 MAX_BYTES: Final = 64 * 2**20
+MAX_REFUSED: Final = 1_000
+Key = tuple[Piece, int, tuple[tuple[str, int], ...]]
 
 
 class TilePoints:
@@ -30,7 +32,9 @@ class TilePoints:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[Piece, int, tuple[tuple[str, int], ...]], bytes] = OrderedDict()
+        self._kept: OrderedDict[Key, bytes] = OrderedDict()
+        self._refused: OrderedDict[Key, str] = OrderedDict()
+        """Why tiles cannot be drawn: to decode one until its error may take seconds, and a page asks every ten."""
         self._bytes = 0
 
     def packed(self, shelved: ShelvedMap, tile: Piece) -> bytes:
@@ -46,7 +50,18 @@ class TilePoints:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        packed = gzip.compress(_points(shelved.read(tile), head, tile), 6)
+            if key in self._refused:
+                raise SourceError(self._refused[key])
+        data = shelved.read(tile)
+        try:
+            packed = gzip.compress(_points(data, head, tile), 6)
+        except (SourceError, DecodeError) as error:
+            damaged = f"tile {tile.tail} of map '{shelved.name}' is damaged: " * isinstance(error, DecodeError)
+            with self._lock:
+                self._refused[key] = f"{damaged}{error}"
+                while len(self._refused) > MAX_REFUSED:
+                    self._refused.popitem(last=False)
+                raise SourceError(self._refused[key]) from None
         with self._lock:
             if key not in self._kept:
                 self._kept[key] = packed
@@ -60,9 +75,9 @@ def _points(data: bytes, head: Head, piece: Piece) -> bytes:
     count = points_in(data)
     if count > MOST_DECODED:
         raise SourceError(f"the tile has {count:,} points, which are too many to draw: the limit is {MOST_DECODED:,}")
-    tile = decode_tile(data, head.width, head.bits)
-    if (tile.x, tile.y) != piece.place:
+    if place_in(data) != piece.place:
         raise SourceError(f"tile {piece.tail} cannot be drawn: it is the tile of another place")
+    tile = decode_tile(data, head.width, head.bits)
     steps = tile.steps[:: -(-count // MOST_DRAWN)]
     corner = np.array([tile.x * TILE_M, tile.y * TILE_M, 0.0])
     return bytes((steps * head.step_m - corner).astype("<f4").tobytes())

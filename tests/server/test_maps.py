@@ -159,6 +159,29 @@ def test_a_tile_of_another_place_is_not_drawn(folder):
                 points.packed(moved, tile)
 
 
+def test_a_tile_that_cannot_be_drawn_is_not_decoded_again_and_again(folder):
+    """A page asks every ten seconds, and a tile of a million points took three seconds of processor each time."""
+    with MapReader.open(folder / "town.lcmap") as town:
+        (place, *_) = town.places
+    data = bytearray((folder / "town.lcmap").read_bytes())
+    data[place.offset + place.size - 1] ^= 1
+    (folder / "bad.lcmap").write_bytes(data)
+    reads = []
+
+    class Counted(ShelvedMap):
+        def read(self, piece, offset=0, size=None):
+            reads.append(piece)
+            return super().read(piece, offset, size)
+
+    bad, drawn = Counted("bad", folder / "bad.lcmap"), TilePoints()
+    for _ in range(3):
+        with pytest.raises(SourceError, match="of map 'bad' is damaged: the checksum"):
+            drawn.packed(bad, bad.pieces[place.x, place.y])
+    assert len(reads) == 1
+    (other,) = (one for one in bad.manifest.tiles[1:2])
+    assert drawn.packed(bad, other)
+
+
 def test_points_are_thinned_where_there_are_too_many(folder, monkeypatch):
     from lidarcodec.maps.served.shelf import MapShelf
     from lidarcodec_server import map_points

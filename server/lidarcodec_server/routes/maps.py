@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.errors import SourceError
 from lidarcodec.maps.served.manifest import PAGE
 from lidarcodec.maps.served.shelf import ShelvedMap
 from lidarcodec.maps.tiles import MOST_PLACE
@@ -138,8 +138,6 @@ async def tile(
         body = await anyio.to_thread.run_sync(service.map_points.packed, shelved, piece, limiter=limiter)
     except SourceError as error:
         raise ProblemError(507, str(error), "storage") from None
-    except DecodeError as error:
-        raise ProblemError(507, f"tile {x}/{y} of map '{name}' is damaged: {error}", "storage") from None
     if "gzip" in request.headers.get("accept-encoding", "").lower():
         headers["Content-Encoding"] = "gzip"
     else:
