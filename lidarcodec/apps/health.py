@@ -3,7 +3,8 @@
 A publisher that cannot reach its router is healthy. One that hangs, or whose sensor sends nothing, is not. Ages are
 measured with CLOCK_MONOTONIC, which is the same for all processes of a machine and never set.
 
->>> complaints({"monotonic_s": 100.0, "sensors": [{"stream": "car-7/roof", "quiet_s": 12.0}]}, now_s=100.5)
+>>> sensor = {"stream": "car-7/roof", "quiet_s": 12.0}
+>>> complaints({"monotonic_s": 100.0, "boot": boot(), "sensors": [sensor]}, now_s=100.5)
 ['car-7/roof: no frame came from the sensor for 12 s']
 """
 
@@ -36,6 +37,7 @@ STALE_S = 10.0
 QUIET_S = 10.0
 """Seconds without a frame from the sensor, or without one sent to a connected receiver, that count as a fault."""
 MAX_FILE_BYTES = 1 << 20
+BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ class HealthFile:
     def _write(self) -> None:
         now_s = time.monotonic()
         sensors = [self._fields_of(one, now_s) for one in self._states()]
-        contents = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": sensors}
+        contents = {"monotonic_s": now_s, "boot": boot(), "pid": os.getpid(), "sensors": sensors}
         with self._spare.lent(), written_whole(self._path, sync=False) as beside:
             beside.write_text(json.dumps(contents) + "\n")
 
@@ -157,6 +159,14 @@ class HealthFile:
         if name not in since or since[name][0] != value:
             since[name] = (value, now_s)
         return now_s - since[name][1]
+
+
+def boot() -> str | None:
+    """Random number of this start of the machine, with which CLOCK_MONOTONIC began; None if it is not known."""
+    try:
+        return BOOT.read_text("ascii").strip()
+    except (OSError, ValueError):
+        return None
 
 
 def _runs(process: int) -> bool:
@@ -187,6 +197,8 @@ def complaints(told: dict[str, Any], now_s: float) -> list[str]:
     try:
         age_s = now_s - float(told["monotonic_s"])
         wrong = [f"the publisher has not written its state for {age_s:.0f} s"] if not 0 <= age_s <= STALE_S else []
+        if told.get("boot") != boot():
+            wrong = ["the publisher has not written its state since the machine was started"]
         for sensor in told["sensors"]:
             quiet_s, unsent_s = float(sensor["quiet_s"]), float(sensor.get("unsent_s", 0.0))
             if sensor.get("failure"):

@@ -23,7 +23,7 @@ from tests.transport.test_contract import eventually
 
 
 def told(**sensor):
-    return {"monotonic_s": 100.0, "sensors": [{"stream": "car/roof", "quiet_s": 0.0} | sensor]}
+    return {"monotonic_s": 100.0, "boot": health.boot(), "sensors": [{"stream": "car/roof", "quiet_s": 0.0} | sensor]}
 
 
 @pytest.mark.parametrize(
@@ -42,6 +42,14 @@ def told(**sensor):
 def test_what_is_wrong_is_said_with_the_stream_that_it_is_wrong_with(says, now_s, complaint):
     found = complaints(says, now_s)
     assert (found == []) if complaint is None else (complaint in found[0])
+
+
+def test_a_file_of_before_the_machine_was_started_is_never_good_news():
+    """Once after each start, ten seconds long, its age was right by chance."""
+    assert health.boot()
+    assert complaints(told() | {"boot": "another"}, 101.0) == [
+        "the publisher has not written its state since the machine was started"
+    ]
 
 
 @pytest.mark.parametrize(
