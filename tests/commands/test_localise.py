@@ -50,6 +50,15 @@ def start():
     return f"{pose[0, 3] + 1:.2f},{pose[1, 3] - 1:.2f},{yaw + 5:.1f}"
 
 
+def test_a_drive_that_is_found_nowhere_is_an_error_and_leaves_no_file_of_poses(street, tmp_path):
+    """It ended with code 0 and "0 of 3 scans found", and left a file without poses."""
+    out = tmp_path / "poses.txt"
+    ran = run_here("localise", "sim:bend?frames=1", "--map", street, "-o", out)
+    assert ran.returncode == 1
+    assert "no scan of 1 was found in street" in the_one_line(ran)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.sweep
 def test_a_drive_is_found_in_its_map_and_its_poses_are_written(street, start, tmp_path):
     out = tmp_path / "poses.txt"

@@ -23,7 +23,7 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.numbers import numbers_of
 from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
-from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.errors import SettingsError, SourceError, TransportError
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.evaluation.trajectory import scan_of
 from lidarcodec.files.whole import Whole, check_free, whole
@@ -151,11 +151,24 @@ def of_source(asked: Asked, spec: str, calibration: Path | None, as_json: bool) 
         for frame in islice(watched, asked.skip, end):
             _take(frame, localiser, progress, poses.write)
         source.say()
+        if not (progress.poses or source.live or watched.cut):
+            raise SourceError(_nowhere(asked, progress.scans, localiser.damaged_tiles))
         if watched.cut and poses.output is not None:
             poses.output.only_part()
     _tell(progress, poses, asked, None, as_json)
     if watched.cut:
         raise StoppedError("stopped: the poses cover only a part of the source")
+
+
+def _nowhere(asked: Asked, scans: int, damaged_tiles: int) -> str:
+    """What is said of a source of which no scan was found."""
+    if not scans:
+        return f"{asked.stream}: it has no scans"
+    unread = f" {damaged_tiles} of its tiles cannot be read." if damaged_tiles else ""
+    return (
+        f"{asked.stream}: no scan of {scans} was found in {asked.map_name}.{unread} Check that the map is of this "
+        "place, or give --start X,Y,YAW, where the first scan was taken"
+    )
 
 
 def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: Given, as_json: bool) -> None:
