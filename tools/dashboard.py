@@ -109,6 +109,12 @@ PANELS = (
         "Bitrate and target", "Kbits",
         each("lidarcodec_stream_kbps", STREAM + " sent") + each("lidarcodec_stream_target_kbps", STREAM + " target"),
     ),
+    graph(
+        "What the path carries", "Kbits",
+        each("lidarcodec_stream_path_kbps", STREAM + " at once")
+        + each("lidarcodec_stream_path_sustained_kbps", STREAM + " for long"),
+        "Seen only while a stream is sent.",
+    ),
     graph("Target missed", "bool", each("lidarcodec_stream_target_missed"), "More is sent, or frames are left out."),
     graph("Bound of ranges", "lengthm", each("lidarcodec_stream_bound_meters"), "0 is exact."),
     graph("Returns sent", "percentunit", each("lidarcodec_stream_kept_ratio"), "Of those measured."),

@@ -232,7 +232,7 @@ class FoxgloveBridge:
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
         channels = self._channels[key]
-        channels.returns, channels.made_up = int(frame.valid.sum()), None
+        returns = int(frame.valid.sum())
         stamp = max(0, frame.stamp_ns)
         transforms = messages.transforms_of(frame, key.vehicle, channels.frame_id)
         for channel, transform in zip((channels.pose, channels.mount), transforms, strict=True):
@@ -241,11 +241,12 @@ class FoxgloveBridge:
             channel.log(transform, log_time=stamp)
             self._count(transforms=1)
         if not channels.points.has_sinks():
+            channels.returns, channels.made_up = returns, None
             self._count(unwatched=1)
             return
         if self._streams.fills(key) if self._fill is None else self._fill:
             frame = filled(frame)
-        channels.made_up = int(frame.valid.sum()) - channels.returns
+        channels.returns, channels.made_up = returns, int(frame.valid.sum()) - returns
         marks = self._fill is not False  # the same fields in each frame
         data = messages.point_cloud(frame, channels.frame_id, marks=marks)
         channels.cloud_bytes = len(data)

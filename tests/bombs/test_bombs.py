@@ -24,6 +24,7 @@ OWN_FILES = {
     "lidarcodec/commands/doctor/about.py": "/proc",
     "lidarcodec/archive/engines/worker.py": "/proc",
     "lidarcodec/transport/late_threads.py": "/proc",
+    "lidarcodec/apps/health.py": "/proc",
     "lidarcodec/commands/join/captures.py": "as long as what it is compared with",
     "server/lidarcodec_server/routes/page.py": "the page of the package",
     "server/lidarcodec_server/web_files.py": "the page of the package",

@@ -22,7 +22,7 @@ SPENDING: Final = {
     "bound_meters": "Largest error of a range, in force; 0 is exact. For codecs with an error bound.",
     "kept_ratio": "Share of the measured returns that is sent, in frames that are sent.",
     "path_kbps": "What the path carries, as single messages show it.",
-    "path_sustained_kbps": "What the path carries for long. No sample while nothing shows that it lets bursts through.",
+    "path_sustained_kbps": "What the path carries for long. No sample until it is seen to let bursts through.",
     "intensity_levels": "Number of intensity values that are sent: 256 is exact, 0 is none.",
 }
 """Metric, without `lidarcodec_stream_`: help."""
