@@ -32,7 +32,8 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_sessionfinish() -> None:
-    """End what programs were forked from."""
+    """End what programs were forked from, and let the collector take at the end what was left out."""
+    gc.unfreeze()
     if forks := sys.modules.get("tests.forks"):
         forks.end()
 
