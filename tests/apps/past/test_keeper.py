@@ -182,7 +182,7 @@ def test_a_condition_on_the_status_marks_the_time_around_it_once(tmp_path: Path)
 def test_an_event_that_could_not_be_marked_is_marked_as_soon_as_that_can_be_done(tmp_path: Path) -> None:
     """A disk that was full at that moment: the crash was overwritten, as a condition comes true only once."""
     keeper = Keeper(Keep(tmp_path / "ring", SMALL, ("worker_restarts grows",)), KEYS)
-    (tmp_path / "ring").write_text("no folder")  # no file can be written there, for whoever runs this
+    (tmp_path / "ring").write_text("no folder")  # a file in place of the folder: not even root can write in it
     keeper.status = lambda: {"worker_restarts": 0}
     keeper._watch()
     keeper.status = lambda: {"worker_restarts": 1}
