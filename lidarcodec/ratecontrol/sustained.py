@@ -33,13 +33,14 @@ RUN_S: Final = 0.15
 STOOD: Final = 4.0
 """A late message that takes more than so many times as long as the capacity lets expect tells no rate: probably packets
 were lost, and sent again. The measurement begins anew with it."""
-HOLD_S: Final = 2.5
+HOLD_S: Final = 1.8
 """Time for which the limit stays before it rises. Each rise that is too much makes a frame or two late."""
-GENTLE: Final = (1.5, 1.6)
-FAST: Final = (20.0, 3.0)
-"""How the limit rises: the factor each second, and up to how many times the known rate. It rises gently until more bits
-were sent than the bucket can hold. If no message was late until then, the path is as fast as the limit: that becomes
-the known rate, and the limit rises fast."""
+RISES: Final = ((3.0, 1.6), (20.0, 3.0), (100.0, 4.0))
+"""How the limit rises: the factor each second, and up to how many times the known rate. First it rises gently, until
+more bits were sent than the bucket can hold. If no message was late until then, the path is as fast as the limit: that
+becomes the known rate, and the limit rises as the next entry says, until that was shown again. So a path that was
+restored is in full use within five seconds, and one that was not gets little more than it carries.
+"""
 BUCKET_BITS: Final = 1.6e5
 """Smallest assumed size of the bucket. Messages that become late while the limit rises tell a larger one."""
 BUCKET: Final = 1.3
@@ -72,7 +73,7 @@ class Sustained:
     """What is known of the sustained rate.
 
     bps: the limit in bits per second, infinite if there is none; known_bps: the rate that the path is known to carry
-    hold_s: remaining time before the limit rises; rises: whether it does; faster: whether the path was found to be
+    hold_s: remaining time before the limit rises; rises: whether it does; faster: how often the path was found to be
     faster since
     more_bits: bits sent above the known rate while the limit rises; bucket_bits: what they were when messages became
     late
@@ -86,7 +87,7 @@ class Sustained:
     known_bps: float = math.inf
     hold_s: float = 0.0
     rises: bool = False
-    faster: bool = False
+    faster: int = 0
     more_bits: float = 0.0
     bucket_bits: float = BUCKET_BITS
     plain: int = 0
@@ -156,7 +157,7 @@ def _first(state: Sustained, bits: float, send_s: float, since_s: float) -> Sust
 def _held(state: Sustained, bps: float) -> Sustained:
     learned = state.rises and not state.faster
     bucket_bits = max(state.more_bits, BUCKET_BITS) if learned else state.bucket_bits
-    still = replace(state, hold_s=HOLD_S, rises=False, faster=False, more_bits=0.0)
+    still = replace(state, hold_s=HOLD_S, rises=False, faster=0, more_bits=0.0)
     return replace(still, bps=bps, known_bps=bps, bucket_bits=bucket_bits)
 
 
@@ -166,7 +167,7 @@ def _rising(state: Sustained, bits: float, step_s: float) -> Sustained:
     known_bps, faster = state.known_bps, state.faster
     more_bits = max(state.more_bits + bits - known_bps * step_s, 0.0)
     if more_bits > BUCKET * min(state.bucket_bits, LARGEST_S * state.known_bps):
-        known_bps, more_bits, faster = state.bps, 0.0, True
-    per_s, highest = FAST if faster else GENTLE
+        known_bps, more_bits, faster = state.bps, 0.0, faster + 1
+    per_s, highest = RISES[min(faster, len(RISES) - 1)]
     bps = max(min(state.bps * per_s**step_s, highest * known_bps), state.bps)
     return replace(state, bps=bps, known_bps=known_bps, hold_s=0.0, rises=True, more_bits=more_bits, faster=faster)
