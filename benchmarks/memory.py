@@ -31,7 +31,6 @@ SAMPLE_FRAMES = 100
 LOOPED_FRAMES = 10
 SPEED = 4.0
 VEHICLE, STREAM = "memory", "memory/lidar"
-LIMIT_S = 300.0
 
 
 def memory_mib(process: int | str = "self") -> tuple[float, float]:

@@ -5,7 +5,6 @@ A frame takes three requests: a listing of commits near its time, its commit, an
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -25,8 +24,6 @@ from lidarcodec.untrusted.times import time_ns_of
 
 if TYPE_CHECKING:
     from lidarcodec.archive.dataset import FrameDataset
-
-log = logging.getLogger(__name__)
 
 Time = str | int | datetime
 

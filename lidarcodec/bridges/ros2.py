@@ -11,7 +11,6 @@ Messages are passed on as they come, every one of them: most build on those befo
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections import Counter
@@ -32,8 +31,6 @@ from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import peek
-
-logger = logging.getLogger(__name__)
 
 ROUTER: Final = "tcp/127.0.0.1:7447"
 """Where the router of ROS 2 (rmw_zenohd) listens unless it is told otherwise."""

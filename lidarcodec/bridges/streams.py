@@ -23,8 +23,6 @@ logger = logging.getLogger(__name__)
 ABSENT_S: Final = 1.0
 """After this time without a publisher, a stream is said to have none."""
 
-TICK_S = 0.2
-
 Take = Callable[[StreamKeys, Frame], object]
 """Takes a frame, in the thread of its stream; frames that come meanwhile replace each other."""
 TakeMessage = Callable[[StreamKeys, bytes], object]

@@ -12,8 +12,6 @@ A RANGE section is the step u16, then the bytes of docs/wire-format-predictive.m
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec import entropy
@@ -25,8 +23,6 @@ from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, Refer
 from lidarcodec.frame import Frame
 from lidarcodec.ranges.steps import with_step
 from lidarcodec.settings import StreamSettings
-
-Ranges = npt.NDArray[np.uint16]
 
 
 class PredictiveSettings(ReferringSettings):

@@ -9,7 +9,6 @@ import struct
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarcodec.codecs.base import Codec, CodecSettings, Decoder, Encoder, InForce
 from lidarcodec.codecs.frame_decoder import SessionDecoder
@@ -22,8 +21,6 @@ from lidarcodec.planes.sections import check_unfired, fired_cells, pose_sections
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.units import AZIMUTH_TURN, BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS_PER_BLOCK
-
-Ranges = npt.NDArray[np.uint16]
 
 _SIDE_HEAD: Final = struct.Struct("<HII")
 

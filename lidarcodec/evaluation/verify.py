@@ -256,7 +256,6 @@ class Comparison:
     left_out: returns that a reducer removed; they do not count as lost
     differing: packets that are not identical although their message guarantees it
     steps: number of frames by the step in their message; None: frames of a codec without a bound
-    unjudged: frames without a message, such as frames of recorded packets
     positions: comparison of the position packets
     points: errors of the points of clouds
     others: what else is not as promised, in words -> number of frames
@@ -271,7 +270,6 @@ class Comparison:
     beyond_m: float = 0.0
     left_out: int = 0
     differing: int = 0
-    unjudged: int = 0
     steps: Counter[int | None] = field(default_factory=Counter)
     errors: RangeErrors = field(default_factory=RangeErrors)
     positions: PositionComparison = field(default_factory=PositionComparison)
@@ -301,9 +299,7 @@ class Comparison:
         self.positions.add(before, source.positions, source.passed_positions)
         same = sum(a.payload == b.payload for a, b in zip(given, back, strict=True))
         self.identical_packets += same
-        if promise is None:
-            self.unjudged += 1
-        else:
+        if promise is not None:
             self.steps[promise.step] += 1
             self.differing += len(back) - same if promise.identical else 0
         if decoded.sensor.is_cloud:

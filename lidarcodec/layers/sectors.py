@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.units import AZIMUTH_TURN
 
@@ -50,10 +49,3 @@ def part_of(frame: Frame, columns: npt.NDArray[np.intp]) -> Frame:
         fired=np.ascontiguousarray(frame.fired[:, columns]),
         sensor=frame.sensor,
     )
-
-
-def check_sector(sector: int) -> int:
-    """The sector itself. Raises SectionError if a turn has no such sector."""
-    if not 0 <= sector < SECTORS:
-        raise SectionError(f"sector {sector}: a turn has the sectors 0 to {SECTORS - 1}")
-    return sector

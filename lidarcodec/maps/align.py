@@ -224,10 +224,6 @@ def _check(fitting: Sequence[Tried], inside: int) -> None:
         raise WeakOverlapError(f"its scans fit their map over less than {LEAST_M:g} m")
 
 
-def _rms(vectors: Matrix) -> float:
-    return float(np.sqrt(np.einsum("ij,ij->i", vectors, vectors).mean()))
-
-
 def _length_m(samples: Sequence[Sample]) -> float:
     """The largest distance of a sample from the first one."""
     places = np.stack([sample.place for sample in samples])

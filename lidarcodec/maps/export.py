@@ -16,7 +16,6 @@ from lidarcodec.maps.points import MapPoints
 ENDINGS: Final = (".pcd", ".ply", ".las")
 FAR_M: Final = 16_384.0
 """Farther coordinates of 32 bits are more than a millimetre apart."""
-_NORMALS: Final = ("normal_x", "normal_y", "normal_z")
 
 
 def check_ending(path: Path) -> None:

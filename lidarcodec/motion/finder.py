@@ -42,18 +42,13 @@ _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
 @dataclass(frozen=True)
 class FoundMotion:
-    """A motion, its origin, and how well it fits.
+    """A motion and its origin.
 
     origin: `poses`; `found` by registration; `kept`: the last one found; `still`: nothing is known
-    points, matched: number of points with normals, and of those that match the earlier surface
-    median_m: median distance of the matched points from that surface
     """
 
     motion: Motion
     origin: Origin
-    points: int = 0
-    matched: int = 0
-    median_m: float = 0.0
 
 
 class _Seen(NamedTuple):
@@ -148,13 +143,13 @@ class MotionFinder:
 
     def _registered(self, history: RangeHistory, seen: _Seen, start: FoundMotion | None) -> FoundMotion:
         start = start or self._kept("kept")
-        numbers, found, points, matched, _, median_m = history.native.find_motion(
+        numbers, found, points, matched, *_ = history.native.find_motion(
             seen.ranges, seen.azimuth, seen.fired.view(np.uint8), beam_rows(seen.sensor), start.motion.numbers, False
         )
         if found and matched >= MIN_MATCHED_SHARE * points:
             motion = Motion.nearest(_matrix_of(numbers))
             if motion is not None:
-                return FoundMotion(motion, "found", points, matched, median_m)
+                return FoundMotion(motion, "found")
         return start
 
     def _kept(self, origin: Origin) -> FoundMotion:

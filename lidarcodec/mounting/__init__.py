@@ -123,11 +123,6 @@ class Mounting:
         return ",".join(f"{number:.12g}" for number in self.numbers)
 
 
-def values_of(T_vehicle_sensor: Matrix | None) -> dict[str, float] | None:
-    """The six numbers by name of a mounting as a frame has it; None without one."""
-    return None if T_vehicle_sensor is None else Mounting.of_matrix(T_vehicle_sensor).values()
-
-
 def transform_of(x: float, y: float, z: float, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Matrix:
     """(4, 4) float64: Rz(yaw) Ry(pitch) Rx(roll), as in ROS (REP 103), and the position in metres."""
     roll, pitch, yaw = np.radians((roll_deg, pitch_deg, yaw_deg))

@@ -25,7 +25,6 @@ from lidarcodec.side import SideInfo
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
 
 Mask = npt.NDArray[np.bool_]
-Azimuth = npt.NDArray[np.uint16]
 
 EncodeMask = Callable[[Frame], bytes]
 """Codes the mask of a frame in a stream whose masks refer to earlier ones."""

@@ -8,7 +8,6 @@ permission are counted and logged, but get no entry, because they would fill the
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -27,8 +26,6 @@ from lidarcodec_server.middleware import REFUSED
 from lidarcodec_server.problems import TOLD
 from lidarcodec_server.service import Service
 from lidarcodec_server.tokens import Client
-
-logger = logging.getLogger(__name__)
 
 KEY = "lidarcodec.operations"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import random
@@ -16,7 +17,6 @@ from typing import Any
 
 from lidarcodec import open_source
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.past import answers
 from lidarcodec.apps.past.answers import Answers
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import Fetch
@@ -160,7 +160,9 @@ class Narrow:
 def _answer(ring: Path, endpoint: str) -> None:
     """Answer as a vehicle whose live stream leaves little room."""
     with open_transport(Endpoints.of(listen=[endpoint])) as transport:
-        Answers(Kept(ring, KEYS, SMALL), KEYS, Narrow, lambda: 0.0, Once(answers.logger)).declare(transport)
+        Answers(Kept(ring, KEYS, SMALL), KEYS, Narrow, lambda: 0.0, Once(logging.getLogger(__name__))).declare(
+            transport
+        )
         threading.Event().wait()
 
 

@@ -10,7 +10,6 @@ time waited in us as u32, little endian.
 
 from __future__ import annotations
 
-import logging
 import struct
 import time
 from collections.abc import Callable
@@ -28,8 +27,6 @@ from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.part_size import MAX_PART
 from lidarcodec.untrusted.times import time_ns_of
-
-logger = logging.getLogger(__name__)
 
 PART: Final = 1
 HEAD: Final = struct.Struct("<BI")

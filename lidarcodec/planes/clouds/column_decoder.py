@@ -17,8 +17,6 @@ from lidarcodec.planes.clouds.columns import WIDEST, Image, Values, Way, angles_
 from lidarcodec.planes.clouds.geometry import ANGLES, Numbers, from_ordered, ordered
 from lidarcodec.sensors.clouds.grid import Grid
 
-Plane = npt.NDArray[np.uint32]
-
 
 def decode_column(
     way: int,

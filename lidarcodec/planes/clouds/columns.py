@@ -69,8 +69,6 @@ class Way(IntEnum):
 
 
 WITH_PLANE: Final = frozenset({Way.PLANE, Way.WHOLE})
-MOST_LEFT: Final = (1 << 28) - 1
-"""Largest rest of a field."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,6 @@ from lidarcodec.sensors.images import Plane, Unsigned
 RANGE: Final = "range"
 SECOND: Final = "second range"
 SAMPLE_BITS: Final = 16
-_LOW: Final = (1 << SAMPLE_BITS) - 1
 
 Mask = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.uint32]

@@ -19,7 +19,7 @@ TurnLayout(columns=2016, bands=1, anchored=True, rows=64)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,6 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK, TABLE_TURN
 
 Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
-Pixel = TypeVar("Pixel", bound=np.generic)
 
 MACROBLOCK: Final = 16
 """Sides of a picture are multiples of it: nothing is padded or cropped."""

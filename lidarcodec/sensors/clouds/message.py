@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,16 +39,6 @@ class CloudField(NamedTuple):
     offset: int
     kind: str
     repeated: int
-
-
-class _Reader(Protocol):
-    at: int
-
-    def u8(self) -> int: ...
-
-    def u32(self) -> int: ...
-
-    def text(self) -> str: ...
 
 
 class _Values:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ import pytest
 
 from lidarcodec import open_source
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.past import answers, fetch
+from lidarcodec.apps.past import fetch
 from lidarcodec.apps.past.answers import HEAD, PART, Answers, Link
 from lidarcodec.apps.past.clip import write_clip
 from lidarcodec.apps.past.fetch import CancelledError, Fetch
@@ -45,7 +46,7 @@ class Vehicle:
         self.come()
 
     def come(self, link: Link | None = None) -> None:
-        told = Answers(self.kept, KEYS, lambda: link, lambda: 0.0, Once(answers.logger))
+        told = Answers(self.kept, KEYS, lambda: link, lambda: 0.0, Once(logging.getLogger(__name__)))
 
         def answer(data: bytes) -> bytes:
             self.asked[json.loads(data)["ask"]] += 1
@@ -354,7 +355,7 @@ def test_questions_that_make_no_sense_get_an_error(vehicle: Vehicle, near: Memor
         b'{"ask": "part", "piece": "../secret", "at_ns": %d, "offset": -1, "bytes": 5}' % at(1),
     ):
         told: dict[str, Any] = json.loads(Answers(vehicle.kept, KEYS, lambda: None, lambda: 0.0,
-                                                  Once(answers.logger))._answer(question))  # fmt: skip
+                                                  Once(logging.getLogger(__name__)))._answer(question))  # fmt: skip
         assert "error" in told, question
 
 
