@@ -39,11 +39,11 @@ def _run(*command: str) -> None:
 class Namespaces:
     """Two namespaces joined by a pair of virtual interfaces. Needs root and the commands `ip` and `tc`."""
 
-    def __init__(self, kbit: float, *, queue: str = QUEUE) -> None:
+    def __init__(self, kbit: float) -> None:
         """Raises CalledProcessError where the machine does not allow it."""
         number = os.getpid()
         self._sides = {"publisher": f"lidar{number}a", "receiver": f"lidar{number}b"}
-        self._device, self._queue = f"lc{number}a", queue
+        self._device = f"lc{number}a"
         self.listen = self.connect = "tcp/10.77.0.1:7447"
         near, far = self._sides.values()
         try:
@@ -78,7 +78,7 @@ class Namespaces:
         return ["ip", "netns", "exec", self._sides[side], *command]
 
     def rate(self, kbit: float) -> None:
-        token_bucket = ("tbf", "rate", f"{kbit:.0f}kbit", "burst", BURST, "limit", self._queue)
+        token_bucket = ("tbf", "rate", f"{kbit:.0f}kbit", "burst", BURST, "limit", QUEUE)
         inside = ("ip", "netns", "exec", self._sides["publisher"])
         _run(*inside, "tc", "qdisc", "replace", "dev", self._device, "root", *token_bucket)
 

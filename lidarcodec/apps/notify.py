@@ -84,13 +84,13 @@ class Manager:
 
 
 @contextmanager
-def told_ready(text: str, state: Callable[[], object], manager: Manager | None = None) -> Iterator[None]:
+def told_ready(text: str, state: Callable[[], object]) -> Iterator[None]:
     """Tell the service manager that the service is ready, and then again and again that it is alive.
 
     state: reads the state of the service, in a thread. While it does not return, nothing is told, and the manager
     starts the service again.
     """
-    manager = manager or Manager.of(os.environ)
+    manager = Manager.of(os.environ)
     stop = threading.Event()
 
     def run(ready: bool) -> None:

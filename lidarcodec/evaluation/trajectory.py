@@ -237,20 +237,15 @@ class PlaneMap:
         return found
 
 
-def map_of(
-    scans: Sequence[Scan],
-    trajectory: Trajectory,
-    every: int = MAP_EVERY,
-    cell_m: float = MAP_CELL_M,
-    least_seen: int = 1,
-) -> Matrix:
+def map_of(scans: Sequence[Scan], trajectory: Trajectory, every: int = MAP_EVERY, least_seen: int = 1) -> Matrix:
     """(M, 3) float64, voxel means in the world of every `every`-th scan, 3 to 80 m from the sensor.
 
     least_seen: least number of scans with a return in a cell; with more than 1, most moving objects are removed
     """
-    seen = CellMeans(cell_m)
+    seen = CellMeans(MAP_CELL_M)
     for k in range(0, len(scans), every):
-        seen.add(voxel_means(moved(trajectory.matrices[k], near(deskewed(scans[k], trajectory.velocities[k]))), cell_m))
+        points = near(deskewed(scans[k], trajectory.velocities[k]))
+        seen.add(voxel_means(moved(trajectory.matrices[k], points), MAP_CELL_M))
     return seen.means(least_seen)
 
 

@@ -125,7 +125,7 @@ def laser_values(parameters: bytes) -> bytes:
     return b"".join(parameters[start + 1 : start + PARAMETER_DTYPE.itemsize] for start in starts)
 
 
-def parameter_bytes(sensor: SensorModel, *, s3: bool = False, return_mode: int = 0) -> bytes:
+def parameter_bytes(sensor: SensorModel, *, s3: bool = False) -> bytes:
     """The 1820 bytes of a sensor's parameter set, with the checksum of an S2 or S3.
 
     The form is coarser than a calibration file: 0.01 degree and 1 mm.
@@ -146,7 +146,7 @@ def parameter_bytes(sensor: SensorModel, *, s3: bool = False, return_mode: int =
     tail = (
         *(11, 9, 26, 12, 0, 0, 25),  # calibrated 2011-09-26 12:00, humidity 25 %
         *(*(600).to_bytes(2, "little"), 0, 0, *(36000).to_bytes(2, "little")),  # 600 rpm, the whole turn
-        *(100, 0, 192, 168, 3, 43, 192, 168, 3, 255, return_mode, 0, 0xA8),
+        *(100, 0, 192, 168, 3, 43, 192, 168, 3, 255, 0, 0, 0xA8),
     )
     data[CHECKSUM_OFFSET - len(tail) : CHECKSUM_OFFSET] = tail
     checksum = crc16(laser_values(data.tobytes())) if s3 else PARAMETER_BYTES

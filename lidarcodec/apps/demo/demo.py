@@ -96,7 +96,7 @@ class Demo:
     """Runs the demonstration.
 
     source: the vehicle's source; seconds: from the first frame on. None: until interrupted on a terminal, otherwise 20
-    words: further options of `publish`; picture: file for the picture of the last frame
+    words: further options of `publish`
     browser: whether to open the page;  out: where to print, standard output by default
     address: of the page;  saved: path of the picture; None until then;  losses: what coding left out
     """
@@ -106,12 +106,11 @@ class Demo:
         source: str,
         seconds: float | None,
         words: list[str],
-        picture: Path = PICTURE,
         *,
         browser: bool = True,
         out: TextIO | None = None,
     ) -> None:
-        self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
+        self._source, self._seconds, self._words = source, seconds, words
         self._browser, self._out = browser, out or sys.stdout
         self.address: str | None = None
         self.saved: str | None = None
@@ -264,12 +263,12 @@ class Demo:
             if figures.ratio is not None:
                 title += f"   {figures.ratio:.2f} : 1"
             try:
-                _save(self._last, title, self._picture)
+                _save(self._last, title, PICTURE)
             except (OSError, LidarCodecError) as error:  # without a picture the demonstration is still complete
                 self._print(f"  {'last frame':<20} not saved: {error}")
             else:
-                self.saved = str(self._picture)
-                self._print(f"  {'last frame':<20} {self._picture}")
+                self.saved = str(PICTURE)
+                self._print(f"  {'last frame':<20} {PICTURE}")
 
 
 def _save(frame: Frame, title: str, path: Path) -> None:

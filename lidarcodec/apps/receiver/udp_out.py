@@ -1,6 +1,6 @@
 """UdpOut: sends decoded frames like the sensor's own UDP stream, for unchanged drivers and viewers.
 
-Packets have the same intervals as on the vehicle. A frame arrives as a whole, so its first packet leaves `delay_s`
+Packets have the same intervals as on the vehicle. A frame arrives as a whole, so its first packet leaves DELAY_S
 after the arrival time of the slowest recent frame, and its last packet a turn later. When the path gets faster again,
 packets are sent a little faster. A frame that arrives while two frames wait replaces the older one.
 """
@@ -104,7 +104,7 @@ class UdpOut:
             is no port for them)
     """
 
-    def __init__(self, address: str, *, delay_s: float = DELAY_S) -> None:
+    def __init__(self, address: str) -> None:
         """Raises SettingsError or TransportError if the address cannot be used."""
         self._target = target_of(address)
         family = self._target.family
@@ -112,7 +112,6 @@ class UdpOut:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if family == socket.AF_INET:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # sensors broadcast by default
-        self._delay_s = delay_s
         self._queue: deque[tuple[Frame, float | None]] = deque()
         self._needs: deque[float] = deque(maxlen=REMEMBERED)
         self._idle = True
@@ -228,8 +227,8 @@ class UdpOut:
             self._offset = None
             self._needs.clear()
         if self._offset is None:
-            self._offset = now - stamp_s + self._delay_s
+            self._offset = now - stamp_s + DELAY_S
         begin = max(stamp_s + self._offset, now)
         self._offset = begin - stamp_s
-        needed = max(self._needs) + self._delay_s if self._needs else self._offset
+        needed = max(self._needs) + DELAY_S if self._needs else self._offset
         return begin, max(0.0, self._offset - needed)

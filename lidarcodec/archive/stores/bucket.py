@@ -42,19 +42,15 @@ class BucketStore(Store):
     `AWS_ENDPOINT_URL`, `GOOGLE_APPLICATION_CREDENTIALS`, `AZURE_STORAGE_ACCOUNT_NAME`, ...).
     """
 
-    def __init__(self, url: str, store: Any = None, retry_s: int = 90) -> None:
-        """store: an obstore store to use instead of one for `url`
-        retry_s: how long a request is repeated
-
-        Raises SourceError if the address cannot be used.
-        """
+    def __init__(self, url: str, retry_s: int = 90) -> None:
+        """retry_s: how long a request is repeated. Raises SourceError if the address cannot be used."""
         import obstore.store
         from obstore.exceptions import BaseError
 
         self.url = url
         try:
             retries: Any = {"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=retry_s)}
-            self._store = store or obstore.store.from_url(url, retry_config=retries)
+            self._store = obstore.store.from_url(url, retry_config=retries)
         except (BaseError, ValueError) as error:
             raise SourceError(f"{url} cannot be opened: {_told(error)}") from None
 

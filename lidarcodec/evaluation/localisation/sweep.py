@@ -47,20 +47,20 @@ def against_original(outcome: Outcome, original: Outcome, seed: int) -> Result:
     return found
 
 
-def crossing(points: Sequence[tuple[float, float]], aim_m: float = AIM_M) -> Result | None:
+def crossing(points: Sequence[tuple[float, float]]) -> Result | None:
     """The smallest bitrate with an error of at most 5 cm, by linear interpolation on logarithmic scales.
 
     points: kbit/s and metres of each setting. `below`: even the coarsest setting is good enough. None: not even the
     finest one is.
     """
     ordered = sorted(points)
-    worse = [at for at, (_, error) in enumerate(ordered) if error > aim_m]
+    worse = [at for at, (_, error) in enumerate(ordered) if error > AIM_M]
     if not worse:
         return {"kbps": ordered[0][0], "is": "below"} if ordered else None
     if worse[-1] == len(ordered) - 1:
         return None
     (low, bad), (high, good) = ordered[worse[-1]], ordered[worse[-1] + 1]
-    part = math.log(bad / aim_m) / math.log(bad / max(good, 1e-6))
+    part = math.log(bad / AIM_M) / math.log(bad / max(good, 1e-6))
     return {"kbps": round(low * (high / low) ** part, 1), "is": "at"}
 
 

@@ -194,7 +194,7 @@ def _in_columns(
     coded = [encode_column(_values(message, at, dtype), image, before.columns.get((name, at, dtype)))
              for name, at, dtype in columns]  # fmt: skip
     before.columns = dict(zip(columns, coded, strict=True))
-    _put_grid(out, grid, head)
+    _put_grid(out, grid)
     out.append(int(positions is not None))
     planes: dict[str, Numbers] = {}
     if grid is not None:
@@ -235,7 +235,7 @@ def _from_columns(reader: VarintReader, known: _Known | None = None) -> Cloud:
     if head.point_step > MAX_STEP:
         raise SectionError(f"a cloud by columns with points of {head.point_step} bytes: the limit is {MAX_STEP}")
     kind = reader.byte()
-    grid_head = _read_grid_head(reader, kind, head, points)
+    grid_head = _read_grid_head(reader, kind, points)
     positioned = reader.byte()
     if positioned > 1 or (positioned and kind == _NO_GRID):
         raise SectionError("coordinates by a range image that is not there")
@@ -327,7 +327,7 @@ def _read_packed(reader: VarintReader, most: int) -> bytes:
     return decompress(reader.take(reader.varint(len(reader))), size) if size else b""
 
 
-def _put_grid(out: bytearray, grid: Grid | None, head: CloudHead) -> None:
+def _put_grid(out: bytearray, grid: Grid | None) -> None:
     if grid is None:
         out.append(_NO_GRID)
         return
@@ -339,7 +339,7 @@ def _put_grid(out: bytearray, grid: Grid | None, head: CloudHead) -> None:
         out += bytes(grid.firing.astype(np.uint8))
 
 
-def _read_grid_head(reader: VarintReader, kind: int, head: CloudHead, points: int) -> Grid | None:
+def _read_grid_head(reader: VarintReader, kind: int, points: int) -> Grid | None:
     """A grid without the places of its points; None if there is none."""
     if kind == _NO_GRID:
         return None

@@ -24,9 +24,9 @@ RENEW: Final = "renew it: the new file is used within a few seconds"
 class OwnCertificate:
     """Looks at the files of a configuration in a thread of its own, between `start` and `close`."""
 
-    def __init__(self, config: ServerConfig, use: Callable[[SSLContext | None], None], look_s: float = LOOK_S) -> None:
+    def __init__(self, config: ServerConfig, use: Callable[[SSLContext | None], None]) -> None:
         """use: sets the TLS context of later connections"""
-        self._config, self._use, self._look_s = config, use, look_s
+        self._config, self._use = config, use
         self._seen = self._state()
         self._watch: CertificateWatch | None = None
         self._stop = threading.Event()
@@ -45,7 +45,7 @@ class OwnCertificate:
             self._watch.close()
 
     def _run(self) -> None:
-        while not self._stop.wait(self._look_s):
+        while not self._stop.wait(LOOK_S):
             found = self._state()
             if found != self._seen:
                 self._renew()

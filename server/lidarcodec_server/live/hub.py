@@ -62,15 +62,10 @@ class LiveHub:
     """
 
     def __init__(
-        self,
-        transport: Callable[[], Transport],
-        *,
-        seats: Seats | None = None,
-        linger_s: float = LINGER_S,
-        ack_limit_s: float = ACK_LIMIT_S,
+        self, transport: Callable[[], Transport], *, seats: Seats | None = None, ack_limit_s: float = ACK_LIMIT_S
     ) -> None:
         self.seats = Seats() if seats is None else seats
-        self.linger_s, self.ack_limit_s = linger_s, ack_limit_s
+        self.linger_s, self.ack_limit_s = LINGER_S, ack_limit_s
         self.counts: Counter[str] = Counter()
         self.pack_ms = Timings()
         self._transport = transport

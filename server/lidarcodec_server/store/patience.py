@@ -29,15 +29,15 @@ REST_S: Final = 5.0
 _SHUT, _TIMER = "shut", "timer"
 
 
-def never_for_ever(engine: Engine, limit_s: float = STUCK_S) -> None:
-    """Close connections that are in use for longer than `limit_s`, and test each connection before its use."""
+def never_for_ever(engine: Engine) -> None:
+    """Close connections that are in use for longer than STUCK_S, and test each connection before its use."""
 
     def connects(connection: Any, record: Any) -> None:
         # A duplicate of the handle: the driver's own may belong to another connection when this one is closed.
         record.info[_SHUT] = socket.socket(fileno=os.dup(connection.fileno()))
 
     def goes_out(connection: Any, record: Any, _: object) -> None:
-        timer = record.info[_TIMER] = threading.Timer(limit_s, _shut, (record.info[_SHUT],))
+        timer = record.info[_TIMER] = threading.Timer(STUCK_S, _shut, (record.info[_SHUT],))
         timer.daemon = True
         timer.start()
         try:
