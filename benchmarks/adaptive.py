@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import results
-from benchmarks.latency import free_port
 from benchmarks.link_ends import PLAIN
 from benchmarks.links import Link, Namespaces, Relayed
+from lidarcodec.transport.endpoints import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT.parent / "shared" / "data" / "kitti_0005.pcap.xz"

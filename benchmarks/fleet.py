@@ -29,7 +29,7 @@ from typing import Any
 
 from benchmarks.memory import memory_mib
 from benchmarks.scenes import FRAMING
-from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.transport.endpoints import free_port
 
 ROUTER = (
     "import sys, threading\n"

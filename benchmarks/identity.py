@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import lidarcodec
-from benchmarks.latency import free_port
 from benchmarks.scenes import FRAMING
 from lidarcodec.packet import Packet
+from lidarcodec.transport.endpoints import free_port
 
 LAST_PACKETS_S = 2.0
 FIRST_FRAME_S = 60.0

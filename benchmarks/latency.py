@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -24,19 +23,13 @@ from benchmarks.scenes import FRAMING
 from lidarcodec.codecs import table
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.sources import open_source
+from lidarcodec.transport.endpoints import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
 WARM_UP = 5
 """First frames that are left out: imports and first uses."""
 FIRST_FRAME_S = 60.0
 STREAM = "latency/lidar"
-
-
-def free_port() -> int:
-    """A TCP port of loopback that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def publish(options: argparse.Namespace) -> None:

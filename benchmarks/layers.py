@@ -17,10 +17,10 @@ from typing import Any, Final, NamedTuple
 import lidarcodec
 from benchmarks import results
 from benchmarks.adaptive import End, percentile
-from benchmarks.latency import free_port
 from benchmarks.link_ends import KEYS
 from benchmarks.links import Relayed
 from benchmarks.scenes import DATA
+from lidarcodec.transport.endpoints import free_port
 
 WARM_UP_S: Final = 3.0
 """At the start of a part: the receiver connects again."""

@@ -28,7 +28,7 @@ from typing import Any, Final
 from benchmarks.fleet import ROUTER, alive, cpu_s, running, until
 from benchmarks.results import save
 from benchmarks.soak import LINE_S, WARM_UP, Sizes, grown, sizes
-from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.transport.endpoints import free_port
 from lidarcodec.wire import peek
 
 READY_S: Final = 120.0

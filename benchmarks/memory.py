@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.scenes import FRAMING
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport import Endpoints
+from lidarcodec.transport.endpoints import free_port
 from lidarcodec.units import FRAME_PACKETS
 
 FRAMES = 1000

@@ -30,7 +30,7 @@ from typing import Any
 import httpx
 
 from benchmarks.scenes import FRAMING
-from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.transport.endpoints import free_port
 
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",

@@ -20,7 +20,6 @@ from typing import Any, Final, NamedTuple
 import lidarcodec
 from benchmarks import results
 from benchmarks.adaptive import End, percentile
-from benchmarks.latency import free_port
 from benchmarks.link_ends import KEYS
 from benchmarks.links import Relayed
 from benchmarks.scenes import DATA
@@ -28,6 +27,7 @@ from lidarcodec.apps.past.fetch import CancelledError, Fetch
 from lidarcodec.apps.past.plan import Clip
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.endpoints import free_port
 
 KBIT, LIVE_KBPS = 4_000.0, 2_000.0
 KEPT_S, CLIP_S, WARM_UP_S = 25.0, 15.0, 3.0

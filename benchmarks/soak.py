@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 from benchmarks.memory import memory_mib
 from benchmarks.scenes import FRAMING
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.apps.swarm import loaded
@@ -29,6 +28,7 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.transport import Endpoints
+from lidarcodec.transport.endpoints import free_port
 from lidarcodec.units import PACKET_INTERVAL_US
 
 GROWTH_LIMIT = 0.05

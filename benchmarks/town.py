@@ -25,7 +25,6 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks import results
-from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.maps.file import read_map
 from lidarcodec.maps.served.fetching import MapFetch, write_fetched
@@ -33,6 +32,7 @@ from lidarcodec.maps.served.sources import NetworkTiles
 from lidarcodec.maps.served.stores import FolderPieces
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport.endpoints import free_port
 from tests.apps.relay import Relay
 
 SCENE: Final = "sim:city"

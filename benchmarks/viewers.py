@@ -14,7 +14,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -32,6 +31,7 @@ from lidarcodec import Publisher, StreamSettings, open_source
 from lidarcodec.apps.publisher.source import NOMINAL_HZ
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.transport import Endpoints
+from lidarcodec.transport.endpoints import free_port
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.protocol import ViewerProtocol
@@ -63,7 +63,7 @@ def main() -> None:
     if options.publish:
         publish(options.source, options.codec)
         return
-    port, meeting = _free_port(), _free_port()
+    port, meeting = free_port(), free_port()
     here = dict(os.environ, LIDARCODEC_LOOPBACK_PORT=str(meeting))
     server = [sys.executable, "-m", "benchmarks.viewers", "--serve", str(port)]
     vehicle = [sys.executable, "-m", "benchmarks.viewers", "--publish", "--source", options.source]
@@ -155,12 +155,6 @@ def _wait(port: int) -> None:
                 return
         time.sleep(0.1)
     raise SystemExit("the vehicle did not come")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager

@@ -19,6 +19,7 @@ from lidarcodec.apps.demo.browser import SCREENS, browser, show
 from lidarcodec.errors import TransportError
 from tests import asking, forks
 from tests.command_line import COMMAND, environment, run, the_one_line
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 LIMIT_S = 120.0
@@ -163,7 +164,7 @@ def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
 
 def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
     monkeypatch.setattr(processes, "START_S", 0.01)
-    with processes.PageServer(None, processes.free_port()) as server:
+    with processes.PageServer(None, free_port()) as server:
         late = server._process
 
         def never() -> bool:

@@ -6,9 +6,10 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from lidarcodec.apps.demo.processes import PageServer, free_port
+from lidarcodec.apps.demo.processes import PageServer
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
+from lidarcodec.transport.endpoints import free_port
 
 
 def run(

@@ -1,4 +1,4 @@
-"""Where to listen and connect, and the Zenoh configuration for it. Imports no network library.
+"""Where to listen and connect, and the Zenoh configuration for it. Imports no library of networks.
 
 By default nothing leaves the machine: every process listens on its own loopback port, all meet at one known port
 (7447), find each other there and connect directly.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
@@ -51,6 +52,13 @@ def default_loopback_port() -> int:
     if not is_number(text, 65535, 1):
         raise TransportError(f"{PORT_VARIABLE} must be 1 to 65535, not '{text}'")
     return int(text)
+
+
+def free_port() -> int:
+    """A TCP port of loopback that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _check_options(endpoint: str, kind: str, options: str | None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-import socket
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Final, NamedTuple
@@ -13,6 +12,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.errors import TransportError
 from lidarcodec.gate.gate import Gate, listener_at
 from lidarcodec.gate.limits import Limits
+from lidarcodec.transport.endpoints import free_port
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ def put_behind(option: Callable[[str], Any]) -> Behind:
                 inner.append(endpoint)
                 continue
             listener = held.enter_context(listener_at(found["v6"] or found["host"], int(found["port"])))
-            listeners.append((listener, _free_port()))
+            listeners.append((listener, free_port()))
             inner.append(f"tls/127.0.0.1:{listeners[-1][1]}{found['rest'] or ''}")
         held.pop_all()
     limits = Limits(mutual=option("transport/link/tls/enable_mtls") is True)
@@ -86,10 +86,3 @@ def _obstacle(option: Callable[[str], Any], mode: str, endpoints: list[Any]) -> 
     if any(isinstance(one, dict) and one.get("interfaces") for one in subjects):
         return "rules of access control go by interface"
     return None
-
-
-def _free_port() -> int:
-    """A port of loopback that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -6,7 +6,6 @@ import contextlib
 import os
 import queue
 import re
-import socket
 import subprocess
 import sys
 import threading
@@ -32,13 +31,6 @@ END_S: Final = 5.0
 NOT_FOR_THE_VEHICLE: Final = tuple(f"LIDARCODEC_{name}" for name in ("PUBLISH_", "LISTEN", "CONNECT", "ZENOH_CONFIG"))
 """Environment variables of the user that do not apply to the demonstration."""
 ADDRESS: Final = re.compile(r"https?://[^ ]+")
-
-
-def free_port() -> int:
-    """A TCP port of loopback that is not in use."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def repeats(source: str) -> list[str]:
