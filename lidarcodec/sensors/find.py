@@ -11,6 +11,7 @@ from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, Origin, SensorModel
 from lidarcodec.sensors.calibration import read_calibration
 from lidarcodec.sensors.calibration_kinds import check_maker
+from lidarcodec.sensors.capture_names import is_file, stem_of
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.generic import generic_for
 from lidarcodec.sensors.images import Sensor
@@ -21,8 +22,6 @@ from lidarcodec.sensors.status_reader import StatusReader
 from lidarcodec.units import PACKET_BYTES
 
 log = logging.getLogger(__name__)
-
-COMPRESSIONS = frozenset({".xz", ".zst", ".gz", ".bz2", ".lz4"})
 
 
 def find_sensor(
@@ -120,15 +119,8 @@ def beside(capture: Path) -> Iterator[Path]:
     if capture.is_dir():
         candidates.insert(0, capture / "db.xml")
     for candidate in candidates:
-        if candidate != capture and _is_file(candidate):
+        if candidate != capture and is_file(candidate):
             yield candidate
-
-
-def stem_of(capture: Path) -> str:
-    """The name of a capture without its endings, or of a folder."""
-    if capture.is_dir():
-        return capture.name
-    return (capture.with_suffix("") if capture.suffix.lower() in COMPRESSIONS else capture).stem
 
 
 def _read(path: Path) -> bytes:
@@ -138,13 +130,6 @@ def _read(path: Path) -> bytes:
         raise CalibrationError(f"cannot read calibration {path}: {error.strerror or error}") from error
     except FileTooLargeError as error:
         raise CalibrationError(f"calibration {path}: {error}: this is not a calibration file") from None
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # the name is too long
-        return False
 
 
 def _of_stream(payloads: Sequence[bytes]) -> SensorModel | None:

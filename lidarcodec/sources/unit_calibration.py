@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from lidarcodec.sensor_model import HDL64E, POINTCLOUD2, SensorModel
-from lidarcodec.sensors.find import stem_of
+from lidarcodec.sensors.capture_names import stem_of
 from lidarcodec.sensors.generic import TABLES, generic_sensor
 from lidarcodec.sensors.models.ouster.sensor import METADATA_URL, bare_sensors
 from lidarcodec.sensors.models.table import OUSTERS, PACKETS, names, sensor_named

@@ -29,7 +29,8 @@ from lidarcodec.maps.geodesy import utm_of
 from lidarcodec.maps.joining import Joined, Joining, Start
 from lidarcodec.maps.kept_build import KeptBuild
 from lidarcodec.maps.points import MapFrame
-from lidarcodec.sensors.find import beside, stem_of
+from lidarcodec.sensors.capture_names import stem_of
+from lidarcodec.sensors.find import beside
 from lidarcodec.sources.mounts import Mounted
 
 log = logging.getLogger(__name__)

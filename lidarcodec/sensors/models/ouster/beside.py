@@ -17,11 +17,11 @@ import numpy as np
 
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError
+from lidarcodec.sensors.capture_names import is_file, stem_of
 from lidarcodec.sensors.models.ouster.metadata import OusterMetadata, read_metadata
 
 log = logging.getLogger(__name__)
 
-COMPRESSIONS: Final = frozenset({".xz", ".zst", ".gz", ".bz2", ".lz4"})
 MAX_OTHERS: Final = 64
 """Most other files that are opened."""
 _SEPARATORS: Final = re.compile(r"[_. ]+")
@@ -32,9 +32,9 @@ def metadata_beside(capture: Path, payloads: Sequence[bytes]) -> Path | None:
 
     payloads: of its first packets. What is beside the capture and cannot be used is skipped with a warning.
     """
-    name = _name(capture)
+    name = stem_of(capture)
     own = capture.parent / f"{name}.json"
-    if _is_file(own):
+    if is_file(own):
         read = _read(own)
         if read is not None and fits(read, payloads):
             return own
@@ -61,11 +61,6 @@ def fits(metadata: OusterMetadata, payloads: Sequence[bytes]) -> bool:
     numbers = layout.numbers(np.frombuffer(b"".join(packets), np.uint8).reshape(len(packets), -1))
     serials = {int(serial) for serial in numbers["serial"]} - {0}
     return serials <= {metadata.serial}
-
-
-def _name(capture: Path) -> str:
-    """The capture's name without its endings: `drive` for `drive.pcap.xz`."""
-    return Path(capture.stem).stem if capture.suffix.lower() in COMPRESSIONS else capture.stem
 
 
 def _like(folder: Path, name: str, own: Path) -> Iterator[list[Path]]:
@@ -102,10 +97,3 @@ def _read(path: Path) -> OusterMetadata | None:
     except (OSError, FileTooLargeError, CalibrationError) as error:
         log.debug("%s: %s", path, error)
         return None
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # the name is too long
-        return False
