@@ -10,10 +10,22 @@ import numpy as np
 
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import Calibration, SensorModel
+from lidarcodec.sources import open_source
 
 UPPER, LOWER = 0xEEFF, 0xDDFF
 RETURN = np.dtype([("distance", "<u2"), ("intensity", "u1")])
 BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("returns", RETURN, 32)])
+
+
+def packets_in(path: Path | str) -> list[Packet]:
+    """The packets of a source."""
+    with open_source(path) as source:
+        return list(source.packets())
+
+
+def payloads_in(path: Path | str) -> list[bytes]:
+    """The payloads of a source's packets."""
+    return [packet.payload for packet in packets_in(path)]
 
 
 def sensor() -> SensorModel:

@@ -39,19 +39,7 @@ def has_examples(name):
     return ">>>" in (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text()
 
 
-CONTRACT_TARGETS = [
-    "help",
-    "demo",
-    "test",
-    "lint",
-    "check",
-    "bench",
-    "bench-compare",
-    "golden",
-    "fuzz",
-    "soak",
-    "faults",
-]
+TARGETS = ["help", "demo", "test", "lint", "check", "bench", "bench-compare", "golden", "fuzz", "soak", "faults"]
 COMMANDS = command_line(app).commands
 
 
@@ -181,19 +169,7 @@ def test_the_python_of_the_readme_runs(capsys):
 
 def test_every_target_of_the_makefile_says_what_it_does():
     text = (ROOT / "Makefile").read_text()
-    for target in [
-        "help",
-        "demo",
-        "test",
-        "lint",
-        "check",
-        "bench",
-        "bench-compare",
-        "golden",
-        "fuzz",
-        "soak",
-        "faults",
-    ]:
+    for target in TARGETS:
         assert re.search(rf"^{target}:.*## \S", text, flags=re.MULTILINE), target
 
 

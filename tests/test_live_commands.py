@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.commands.publish.command import say_begun, too_much
-from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 from tests.commands.test_json import check
 from tests.drives import simulated
+from tests.packets import payloads_in
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -252,8 +252,7 @@ def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ende
     assert process.returncode == 0, complaint
     assert "lost packets" not in complaint
     (file,) = kept.glob("*.mcap")
-    with open_source(file) as source:
-        found = [packet.payload for packet in source.packets()]
+    found = payloads_in(file)
     assert len(found) == 1600, said + complaint
     assert found == [packet.payload for packet in packets] * 2
 

@@ -26,17 +26,13 @@ from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.test_udp_out import Driver
 from tests.codecs.test_other_sensors import FILES, disturbed, opened
 from tests.command_line import run, start, the_one_line
+from tests.packets import payloads_in
 from tests.sensors.captures import CAPTURES
 from tests.sweeps import sampled, spread
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 SENSORS = ["vlp16", "vlp32c", "pandar40p", "xt32m", "OS-1-128"]
-
-
-def sent_by(path):
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
 
 
 @pytest.fixture
@@ -81,7 +77,7 @@ def test_every_payload_of_a_capture_arrives(data_file, name, codec):
         Publisher(source, lidarcodec.StreamSettings(codec=codec), rate="max", transport=network.transport()) as car,
     ):
         received = [packet.payload for frame in stream for packet in packets_of(frame)]
-        assert received == sent_by(path)
+        assert received == payloads_in(path)
         assert car.status()["errors"] == stream.summary()["errors"] == {}
         assert car.status()["sensor_model"]["model"] == source.sensor.model != "hdl64e"
 
@@ -138,12 +134,12 @@ def test_every_return_of_a_capture_arrives_as_a_picture(data_file, name, codec):
 @pytest.mark.data
 @pytest.mark.parametrize("name", sampled(["vlp16", "pandar40p", "OS-1-128"], ["pandar40p"]))
 def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packets(data_file, driver, name):
-    payloads = sent_by(data_file(CAPTURES[name]))
+    payloads = payloads_in(data_file(CAPTURES[name]))
     listening, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
     receiving = start("subscribe", "car/roof", "--listen", endpoint, "--json", "--udp", driver.address)
     where = f"udp://127.0.0.1:{listening}?src=127.0.0.1"
     try:
-        with sensor(payloads, listening), sensor(sent_by(data_file(CAPTURES["xt16"])), listening, "127.0.0.2"):
+        with sensor(payloads, listening), sensor(payloads_in(data_file(CAPTURES["xt16"])), listening, "127.0.0.2"):
             sending = start("publish", where, "--vehicle", "car", "--sensor", "roof", "--connect", endpoint)
             try:
                 assert eventually(lambda: len(driver.payloads) > 300)
@@ -214,7 +210,7 @@ def test_codec_auto_becomes_one_that_takes_such_frames(data_file, caplog):
 @pytest.mark.data
 def test_another_model_takes_the_place_of_one_that_fell_silent(data_file, caplog):
     caplog.set_level(logging.INFO)
-    vlp16, xt32m = (sent_by(data_file(CAPTURES[name])) for name in ("vlp16", "xt32m"))
+    vlp16, xt32m = (payloads_in(data_file(CAPTURES[name])) for name in ("vlp16", "xt32m"))
     with open_source("udp://127.0.0.1:0?wait=1&idle=10") as source:
         port, models = source.address[1], []
         packets = source.packets()
@@ -234,7 +230,7 @@ def test_another_model_takes_the_place_of_one_that_fell_silent(data_file, caplog
 @pytest.mark.data
 @pytest.mark.parametrize(("wanted", "other"), [("vlp16", "HDL-64E S3"), ("xt16", "vlp16"), ("vlp16", "xt32m")])
 def test_a_sensor_whose_model_is_given_is_not_replaced_by_a_louder_one(data_file, wanted, other):
-    own, louder = sent_by(data_file(CAPTURES[wanted])), sent_by(data_file(CAPTURES[other]))
+    own, louder = payloads_in(data_file(CAPTURES[wanted])), payloads_in(data_file(CAPTURES[other]))
     with open_source(f"udp://127.0.0.1:0?model={wanted}") as source:
         port = source.address[1]
         with sensor(louder, port, "127.0.0.2", 0.00025), sensor(own, port, pace_s=0.001):
@@ -247,7 +243,8 @@ def test_a_sensor_whose_model_is_given_is_not_replaced_by_a_louder_one(data_file
 
 @pytest.mark.parametrize("name", ["xt16", "vlp16", "OS-1-128"])
 def test_a_sensor_that_is_switched_on_late_loses_no_packet_and_shows_no_other_sensor(data_file, name):
-    payloads = [one for one in sent_by(data_file(CAPTURES[name])) if len(one) > 48][:400]  # without an inertial unit's
+    sent = payloads_in(data_file(CAPTURES[name]))
+    payloads = [one for one in sent if len(one) > 48][:400]  # without an inertial unit's
     port = free_port()
     with open_source(f"udp://127.0.0.1:{port}?idle=3&wait=0.1") as source:
         assert source.sensor.is_hdl64e  # as long as nobody knows better
@@ -268,7 +265,7 @@ def test_a_sensor_that_is_switched_on_late_loses_no_packet_and_shows_no_other_se
 
 
 def test_so_few_packets_that_only_the_end_tells_their_sensor_come_out_too(data_file):
-    payloads = sent_by(data_file(CAPTURES["vlp16"]))[:5]
+    payloads = payloads_in(data_file(CAPTURES["vlp16"]))[:5]
     port = free_port()
     with open_source(f"udp://127.0.0.1:{port}?idle=1&wait=0") as source:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -12,6 +12,7 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.apps.test_udp_out import Driver
+from tests.packets import packets_in
 from tests.positions import interleaved, position
 from tests.sweeps import sampled
 from tests.transport.test_contract import eventually
@@ -57,9 +58,7 @@ def test_they_reach_the_other_end_and_both_recordings(tmp_path, codec, isolate):
         positions.close()
     assert positions.payloads == [packet.payload for packet in SENT if packet.position]
     (near_file,), (far_file,) = (tmp_path / "near").iterdir(), (tmp_path / "far").iterdir()
-    with open_source(near_file) as source:
-        assert list(source.packets()) == SENT
-    with open_source(far_file) as source:
-        came = list(source.packets())
+    assert packets_in(near_file) == SENT
+    came = packets_in(far_file)
     assert [packet.position for packet in came] == [packet.position for packet in SENT]
     assert [packet for packet in came if packet.position] == [packet for packet in SENT if packet.position]

@@ -12,6 +12,7 @@ from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints
+from tests.packets import payloads_in
 from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 
@@ -33,8 +34,7 @@ from tests.transport.conftest import free_port
 )
 def test_every_payload_arrives(data_file, name, framing):
     path, port = data_file(name), free_port()
-    with open_source(path) as source:
-        sent = [packet.payload for packet in source.packets()]
+    sent = payloads_in(path)
     with (
         subscribe(newest=False, until_end=True, loopback_port=port) as stream,
         open_source(path) as source,

@@ -22,6 +22,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.calm import when_calm
+from tests.packets import packets_in
 from tests.positions import interleaved
 from tests.transport.test_contract import eventually
 
@@ -278,8 +279,7 @@ def clouds(packets: list[Packet]):
 def test_an_independent_decoder_sees_the_same_clouds_in_what_a_subscriber_re_emits(data_file, driver):
     pytest.importorskip("velodyne_decoder")
     capture = data_file("kitti_tracking0006_f000-010.pcap.xz")
-    with open_source(capture) as source:
-        packets = list(source.packets())
+    packets = packets_in(capture)
     network = MemoryNetwork()
     with (
         network.transport() as near,

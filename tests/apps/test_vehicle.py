@@ -75,13 +75,14 @@ def test_a_sensor_that_ends_by_an_error_of_the_program_is_not_well_and_is_tried_
         assert len(frames_of("front", port, 3)) == 3
 
 
+class Cut(Loop):
+    def packets(self):
+        yield from Loop(2).packets()
+        raise SourceError("the cable was cut")
+
+
 def test_a_source_that_breaks_while_it_is_read_is_opened_again(monkeypatch):
     monkeypatch.setattr(module, "FIRST_WAIT_S", 0.1)
-
-    class Cut(Loop):
-        def packets(self):
-            yield from Loop(2).packets()
-            raise SourceError("the cable was cut")
 
     port, opened = free_port(), []
     with Vehicle("car", [plan("roof", lambda: opened.append(1) or Cut())], lidarcodec.Endpoints(loopback_port=port)):
@@ -93,11 +94,6 @@ def test_what_a_recording_lacked_before_its_source_was_opened_again_is_not_forgo
     monkeypatch.setattr(module, "FIRST_WAIT_S", 0.1)
     in_the_way, opened = tmp_path / "kept", []
     in_the_way.write_text("no folder")
-
-    class Cut(Loop):
-        def packets(self):
-            yield from Loop(2).packets()
-            raise SourceError("the cable was cut")
 
     def source():
         opened.append(1)

@@ -6,9 +6,9 @@ import re
 
 import pytest
 
-from lidarcodec.sources import open_source
 from tests.browser.system import LIMIT_S
 from tests.browser.test_page import AXE
+from tests.packets import packets_in
 
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
 
@@ -48,8 +48,7 @@ def test_the_last_seconds_are_fetched_played_and_saved_and_a_fetch_without_the_v
 
     with page.expect_download(timeout=1000 * LIMIT_S) as saved:
         past.get_by_role("button", name=re.compile("^Download ")).click()
-    with open_source(saved.value.path()) as source:
-        assert len(list(source.packets())) > 348
+    assert len(packets_in(saved.value.path())) > 348
     past.get_by_role("button", name=re.compile("^Play ")).click()
     place = page.get_by_role("slider", name="Position in the recording")
     expect(place).to_be_visible()

@@ -16,6 +16,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests import packets as made
 from tests.command_line import run_here
+from tests.packets import packets_in
 
 PACKETS = made.turning(700)
 
@@ -36,11 +37,6 @@ def convert(*words: object) -> subprocess.CompletedProcess[str]:
 def done(*words: object) -> bool:
     """Convert; whether all went well."""
     return convert(*words).returncode == 0
-
-
-def packets_in(path: Path | str) -> list[Packet]:
-    with open_source(path) as source:
-        return list(source.packets())
 
 
 @pytest.mark.parametrize("codec", ["zstd", "pcodec"])
@@ -124,8 +120,7 @@ def test_kitti_scans_become_bags_and_come_back(tmp_path, data_file, kind, monkey
     monkeypatch.setenv("LIDARCODEC_DATA", str(scan.parent))
     assert done(scan, tmp_path / "bag")
     assert done(tmp_path / "bag", tmp_path / "back.pcap")
-    with open_source(scan) as source:
-        wanted = list(source.packets())
+    wanted = packets_in(scan)
     assert packets_in(tmp_path / "back.pcap") == wanted
     with open_source(tmp_path / "bag") as again:
         assert again.sensor.origin == "beside"

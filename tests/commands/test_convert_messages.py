@@ -18,6 +18,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import run_here
+from tests.packets import payloads_in
 from tests.sources.test_rosbag import database
 
 TOPIC = "/points/lidarcodec"
@@ -43,11 +44,6 @@ def recording(tmp_path_factory) -> Path:
 def messages_in(recording: Path) -> list[bytes]:
     with recording.open("rb") as file:
         return [data for _, data in RecordingReader(file).messages()]
-
-
-def packets_in(path: Path) -> list[bytes]:
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
 
 
 def test_every_message_is_there_byte_for_byte_for_public_packages(tmp_path, recording):
@@ -78,13 +74,13 @@ def test_a_bag_of_messages_is_a_source(tmp_path, recording):
     """As a file, as a folder, and in SQLite, which is what Humble records into."""
     for out in (tmp_path / "one.mcap", tmp_path / "bag"):
         assert run_here("convert", recording, out, "--as", "messages").returncode == 0
-        assert packets_in(out) == packets_in(recording)
+        assert payloads_in(out) == payloads_in(recording)
     coded = [compressed_cloud(data, 0, "roof") for data in messages_in(recording)]
     path = database(tmp_path / "old.db3", coded, TOPIC)
     with sqlite3.connect(path) as base:
         base.execute("UPDATE topics SET type = ?", (ros.COMPRESSED_CLOUD.name,))
     base.close()
-    assert packets_in(path) == packets_in(recording)
+    assert payloads_in(path) == payloads_in(recording)
     back = run_here("convert", tmp_path / "bag", tmp_path / "back.pcap")
     assert back.returncode == 0, back.stderr
 
@@ -96,7 +92,7 @@ def test_messages_of_other_formats_and_lost_ones_are_counted(tmp_path, recording
             writer.write_coded(data, None)
     with open_source(path) as source:
         found = list(source.packets())
-        assert len(found) == len(packets_in(recording)) * wire.peek(sent[0]).packets // 1044
+        assert len(found) == len(payloads_in(recording)) * wire.peek(sent[0]).packets // 1044
         assert source.counts["missing references"] == 1
     with path.open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
         writer.write_coded(sent[0][:56] + bytes(99), None)  # a header, and nothing that it promises

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import run_here, start
 from tests.drives import simulated
+from tests.packets import payloads_in
 from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 
@@ -36,11 +36,6 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulated(SOURCE, folder / "drive.pcap")
     assert run_here("encode", folder / "drive.pcap", folder / "drive.mcap").returncode == 0
     return folder
-
-
-def payloads(path: Path) -> list[bytes]:
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
 
 
 def interrupted(words: list[object], after_s: float, number: int = signal.SIGINT) -> subprocess.CompletedProcess[str]:
@@ -92,7 +87,7 @@ def all_together(complaint: str, out: Path) -> list[bytes]:
     for words in advised(complaint):
         done = run_here(*words)
         assert done.returncode == 0, done.stderr
-    return payloads(out)
+    return payloads_in(out)
 
 
 def check(result: subprocess.CompletedProcess[str], folder: Path, out: Path, whole: list[bytes], code: int) -> bool:
@@ -100,7 +95,7 @@ def check(result: subprocess.CompletedProcess[str], folder: Path, out: Path, who
     parts = [path for path in folder.iterdir() if ".partial" in path.name and not path.name.endswith(".xml")]
     assert not list(folder.glob(".*")), "a hidden file is left over"
     if result.returncode == 0:  # the signal came when all was done
-        assert payloads(out) == whole
+        assert payloads_in(out) == whole
         assert not parts
         return False
     if result.returncode == -signal.SIGINT:  # Python itself was starting
@@ -111,7 +106,7 @@ def check(result: subprocess.CompletedProcess[str], folder: Path, out: Path, who
     assert not out.exists()
     assert len(parts) <= 1
     if parts:
-        assert payloads(parts[0]) == whole[: len(payloads(parts[0]))]
+        assert payloads_in(parts[0]) == whole[: len(payloads_in(parts[0]))]
         assert all_together(result.stderr, out) == whole
     return bool(parts)
 
@@ -123,7 +118,7 @@ def test_at_any_moment_an_output_is_whole_or_a_part_that_can_be_completed(
     drive: Path, tmp_path: Path, command: str, moments: int
 ) -> None:
     source = drive / ("drive.mcap" if command == "decode" else "drive.pcap")
-    whole = payloads(drive / "drive.pcap")
+    whole = payloads_in(drive / "drive.pcap")
     chance = random.Random(27)
     began = time.monotonic()
     ending = ".mcap" if command == "encode" else ".pcap"
@@ -170,7 +165,7 @@ def test_what_is_done_is_kept_under_another_name(
     part = next(path for path in tmp_path.iterdir() if path.name.startswith(f"{out.stem}.partial{out.suffix}"))
     assert result.returncode == 128 + number, result.stderr
     assert not out.exists()
-    found = payloads(part)
+    found = payloads_in(part)
     frames = round(len(found) / 359)  # turns of the simulator have 358 to 360 packets
     assert abs(len(found) - 359 * frames) <= frames // 2
     assert frames > 0
@@ -235,7 +230,7 @@ def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: 
     done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
-    assert len(payloads(tmp_path / "out.mcap")) == 718
+    assert len(payloads_in(tmp_path / "out.mcap")) == 718
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -325,8 +320,7 @@ def test_the_rest_of_a_recording_is_counted_in_its_own_frames(tmp_path: Path, fr
     """`convert` counted turns of 348 packets, whatever frames it wrote, and `join` refused the parts."""
     words = ["convert", "sim:city?frames=12", tmp_path / "out.mcap", "--codec", "raw", "--set", f"framing={framing}"]
     result = interrupted_while_writing(list(words), tmp_path, signal.SIGINT)
-    with open_source("sim:city?frames=12") as source:
-        whole = [packet.payload for packet in source.packets()]
+    whole = payloads_in("sim:city?frames=12")
     assert result.returncode == 130, result.stderr
     assert check(result, tmp_path, tmp_path / "out.mcap", whole, 130)
 
@@ -339,7 +333,7 @@ def test_a_name_as_long_as_a_file_system_allows_has_room_for_that_of_its_part(
     result = interrupted_while_writing([command, "sim:city?frames=100000", out], tmp_path, signal.SIGINT)
     assert result.returncode == 130, result.stderr
     part = next(path for path in tmp_path.iterdir() if ".partial" in path.name and path.suffix == ending)
-    assert (len(payloads(part)) + 5) % 359 <= 5  # whole turns
+    assert (len(payloads_in(part)) + 5) % 359 <= 5  # whole turns
     rest, both = advised(result.stderr)
     assert (rest[0], both[0], both[-1]) == (command, "join", str(out))
     assert all(len(os.fsencode(Path(word).name)) <= 255 for word in (*rest, *both))
@@ -362,4 +356,4 @@ def test_what_a_live_sensor_sent_last_is_in_the_recording(tmp_path: Path) -> Non
         process.send_signal(signal.SIGINT)
         _, complaint = process.communicate(timeout=60)
     assert process.returncode == 0, complaint
-    assert payloads(tmp_path / "out.mcap") == [packet.payload for packet in packets]
+    assert payloads_in(tmp_path / "out.mcap") == [packet.payload for packet in packets]

@@ -15,16 +15,12 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
 from tests.drives import simulated
+from tests.packets import payloads_in
 from tests.recording.damaged import damaged_message
 from tests.sources import captures as c
 
 FRAMES = 6
 SOURCE = f"sim:city?frames={FRAMES}"
-
-
-def packets_in(path: Path) -> list[bytes]:
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
 
 
 def messages_in(path: Path) -> list[bytes]:
@@ -58,7 +54,7 @@ def test_parts_joined_are_the_whole(drive: Path, tmp_path: Path, words: tuple[st
     out = tmp_path / "out.mcap"
     result = run_here("join", first, second, third, out)
     assert result.returncode == 0, result.stderr
-    assert packets_in(out) == packets_in(drive)
+    assert payloads_in(out) == payloads_in(drive)
     assert messages_in(out) == [data for part in (first, second, third) for data in messages_in(part)]
     with out.open("rb") as joined, first.open("rb") as part:
         found, before = RecordingReader(joined), RecordingReader(part)
@@ -67,7 +63,7 @@ def test_parts_joined_are_the_whole(drive: Path, tmp_path: Path, words: tuple[st
     if command == "encode":
         assert run_here("verify", out, drive).returncode == 0
     assert run_here("decode", out, tmp_path / "back.pcap").returncode == 0
-    assert packets_in(tmp_path / "back.pcap") == packets_in(drive)
+    assert payloads_in(tmp_path / "back.pcap") == payloads_in(drive)
 
 
 @pytest.fixture(scope="module")
@@ -210,14 +206,14 @@ def test_a_capture_whose_end_is_lost_is_joined_only_if_that_is_meant(drive: Path
     assert (refused.returncode, "is damaged: record 1077 " in refused.stderr) == (1, True)
     assert not out.exists()
     assert run_here("join", first, second, out, "--allow-gap").returncode == 0
-    assert packets_in(out) == packets_in(drive)
+    assert payloads_in(out) == payloads_in(drive)
 
 
 def test_a_capture_that_was_cut_off_is_told_of_in_the_same_words_by_all_commands(drive: Path, tmp_path: Path, caplog):
     """`cut` called it damaged, all other commands truncated."""
     short = tmp_path / "short.pcap"
     short.write_bytes(drive.read_bytes()[:400_500])
-    packets_in(short)
+    payloads_in(short)
     assert run_here("cut", short, tmp_path / "cut.pcap", "--to", "0.02").returncode == 0
     first, second = (one for one in caplog.messages if "calibration" not in one)
     assert first == second

@@ -15,7 +15,7 @@ from lidarcodec.commands.outputs.ply import PlyOutput
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 from tests.command_line import run, run_here, the_one_line
-from tests.packets import sensor, turning
+from tests.packets import payloads_in, sensor, turning
 from tests.sensors.captures import CAPTURES, payloads
 from tests.sensors.made_frames import block_sensor, made_frames, ouster, packets_of_model
 from tests.sensors.ouster_packets import FOLDER
@@ -200,8 +200,7 @@ def test_packets_of_another_length_cost_no_bag(tmp_path, monkeypatch):
     done = run_here("convert", "udp://0.0.0.0", str(out), "--frames", "9")
     assert done.returncode == 1
     assert "100 packets of another length were left out" in the_one_line(done)
-    with open_source(out) as source:
-        assert [packet.payload for packet in source.packets()] == [packet.payload for packet in turning(348)] * 2
+    assert payloads_in(out) == [packet.payload for packet in turning(348)] * 2
 
 
 def test_a_ply_of_two_sensors_wraps_no_intensity(tmp_path, caplog):

@@ -23,6 +23,7 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests import packets as made
 from tests.command_line import run_here
 from tests.commands.test_convert_messages import written
+from tests.packets import payloads_in
 from tests.recording.damaged import damaged_message
 from tests.transport.test_contract import eventually
 
@@ -55,11 +56,6 @@ def messages_in(path: Path) -> list[bytes]:
         return list(inputs.messages(inputs.Input(file.fileno(), lambda: False)))
 
 
-def packets_in(path: Path) -> list[bytes]:
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
-
-
 def test_a_capture_becomes_messages_a_recording_and_packets_again(tmp_path, capture, capfd):
     names = [tmp_path / name for name in ("a.messages", "b.mcap", "c.pcap")]
     piped(capture, names[0], "messages", codec="predictive")
@@ -69,7 +65,7 @@ def test_a_capture_becomes_messages_a_recording_and_packets_again(tmp_path, capt
     assert json.loads(said[: said.index("}") + 1])["format"] == "messages", "the summary is no part of the output"
     with names[1].open("rb") as file:
         assert [data for _, data in RecordingReader(file).messages()] == messages_in(names[0])
-    assert packets_in(names[2]) == packets_in(names[1]) == [packet.payload for packet in PACKETS]
+    assert payloads_in(names[2]) == payloads_in(names[1]) == [packet.payload for packet in PACKETS]
 
 
 def test_a_recording_is_passed_on_as_it_is_or_coded_again(tmp_path, recording):
@@ -300,4 +296,4 @@ def test_a_signal_ends_a_recording_that_is_whole_though_the_pipe_stays_open(tmp_
     thread.join()
     os.close(read)
     os.close(write)
-    assert packets_in(out) == [packet.payload for packet in PACKETS]
+    assert payloads_in(out) == [packet.payload for packet in PACKETS]

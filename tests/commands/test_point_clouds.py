@@ -16,8 +16,8 @@ from lidarcodec.recording import RosbagWriter
 from lidarcodec.sensors.clouds.message import read_message
 from lidarcodec.sensors.clouds.sensor import cloud_sensor
 from lidarcodec.sensors.clouds.values import intensity_of
-from lidarcodec.sources import open_source
 from tests.command_line import run_here, the_one_line
+from tests.packets import payloads_in
 from tests.point_clouds import STAMP_NS, message, ouster, ros1, velodyne
 from tests.sources.test_cloud_bags import bag1
 
@@ -40,11 +40,6 @@ def bag(tmp_path, messages):
     return path
 
 
-def given_by(path) -> list[bytes]:
-    with open_source(path) as source:
-        return [packet.payload for packet in source.packets()]
-
-
 def ok(*words) -> str:
     done = run_here(*map(str, words))
     assert done.returncode == 0, done.stderr
@@ -64,7 +59,7 @@ def test_a_recording_decodes_to_a_bag_with_the_very_messages(tmp_path, bag, mess
     coded, back = tmp_path / "coded.mcap", tmp_path / "back.mcap"
     ok("encode", bag, coded, "--codec", codec)
     ok("decode", coded, back)
-    assert given_by(back) == given_by(coded) == messages
+    assert payloads_in(back) == payloads_in(coded) == messages
     assert f"{FRAMES}, identical" in ok("verify", coded, bag)
 
 
@@ -74,7 +69,7 @@ def test_a_bound_holds_and_verify_says_so(tmp_path, bag, messages):
     report = json.loads(ok("verify", coded, bag, "--json"))
     assert report["lost"] == report["invented"] == 0
     assert report["max_error_m"] <= 0.01
-    for mine, theirs in zip(given_by(coded), messages, strict=True):
+    for mine, theirs in zip(payloads_in(coded), messages, strict=True):
         assert same_but_near(mine, theirs, 0.01)
 
 
@@ -109,7 +104,7 @@ def _encoded(tmp_path, bag):
 def test_packets_are_recorded_as_they_are_and_become_a_bag_again(tmp_path, bag, messages):
     ok("convert", bag, tmp_path / "packets.mcap", "--as", "packets")
     ok("convert", tmp_path / "packets.mcap", tmp_path / "again")
-    assert given_by(tmp_path / "packets.mcap") == given_by(tmp_path / "again") == messages
+    assert payloads_in(tmp_path / "packets.mcap") == payloads_in(tmp_path / "again") == messages
 
 
 def test_bench_compares_with_zstd_of_the_messages(bag, messages):
@@ -135,7 +130,7 @@ def test_a_message_that_is_no_cloud_comes_back_in_a_bag_with_all_others(tmp_path
     _encoded(tmp_path, tmp_path / "a.mcap")
     ok("decode", tmp_path / "coded.mcap", tmp_path / "back.mcap")
     ok("convert", tmp_path / "a.mcap", tmp_path / "again")
-    assert given_by(tmp_path / "back.mcap") == given_by(tmp_path / "again") == given
+    assert payloads_in(tmp_path / "back.mcap") == payloads_in(tmp_path / "again") == given
 
 
 def test_a_message_of_ros_1_that_is_cut_is_left_out_of_a_bag_of_ros_2_with_a_warning(tmp_path, caplog):
@@ -149,7 +144,7 @@ def test_a_message_of_ros_1_that_is_cut_is_left_out_of_a_bag_of_ros_2_with_a_war
         ok(*words)
         assert "1 messages of ROS 1 that are no whole PointCloud2 were left out" in caplog.text
         caplog.clear()
-        assert given_by(words[-1]) == [VELODYNE[0], VELODYNE[2]]
+        assert payloads_in(words[-1]) == [VELODYNE[0], VELODYNE[2]]
 
 
 def test_intensities_have_one_scale_in_all_messages_of_a_stream(tmp_path):
@@ -198,7 +193,7 @@ def test_names_in_a_message_fit_and_steer_no_terminal(tmp_path, frame_id):
             line for line in ok("info", path).splitlines() if not line.isprintable() or "lidarcodec:" in line[:11]
         ]
     ok("decode", coded, tmp_path / "back.mcap")
-    assert given_by(tmp_path / "back.mcap") == [named]
+    assert payloads_in(tmp_path / "back.mcap") == [named]
 
 
 def test_a_ring_that_is_no_number_gives_no_line_of_code_to_a_user():

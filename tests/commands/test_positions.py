@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.packet import Packet, data_packets
-from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests.command_line import run, run_here
-from tests.packets import turning
+from tests.packets import packets_in, turning
 from tests.positions import interleaved, position
 
 SENT = [*interleaved(turning(700), every=9, first=0), position(turning(700)[-1].stamp_ns + 7000)]
@@ -27,11 +26,6 @@ def written(path: Path, packets: list[Packet]) -> Path:
 @pytest.fixture
 def capture(tmp_path):
     return written(tmp_path / "drive.pcap", SENT)
-
-
-def packets_in(path: Path | str) -> list[Packet]:
-    with open_source(path) as source:
-        return list(source.packets())
 
 
 def test_encode_and_decode_give_the_same_capture(tmp_path, capture):

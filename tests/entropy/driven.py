@@ -10,11 +10,11 @@ from lidarcodec.entropy.plane_coder import SensorView, Unsigned
 
 
 class Form(NamedTuple):
-    """A plane."""
+    """A plane, as the layouts of sensors say."""
 
     name: str
     bits: int
-    role: str
+    role: str = "attribute"
     of: str = "range"
 
 

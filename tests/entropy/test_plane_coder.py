@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -13,18 +11,9 @@ from hypothesis import strategies as st
 from lidarcodec.entropy import plane_coder
 from lidarcodec.entropy.plane_coder import PlaneForm, Unsigned, decode_planes, encode_planes
 from lidarcodec.errors import DecodeError, SectionError, SettingsError, TruncatedError
+from tests.entropy.driven import Form
 from tests.reference import planes as reference
 from tests.sweeps import examples, paired
-
-
-class Form(NamedTuple):
-    """A plane, as the layouts of sensors say."""
-
-    name: str
-    bits: int
-    role: str = "attribute"
-    of: str = "range"
-
 
 RANGE, SECOND = Form("range", 16, "range"), Form("range2", 16, "second range")
 SIMPLE = (RANGE, Form("intensity", 8))

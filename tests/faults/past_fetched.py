@@ -17,13 +17,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from lidarcodec import open_source
 from tests.apps.relay import Relay
 from tests.apps.test_processes import End
 from tests.conftest import data_folder
 from tests.faults.outcome import Outcome, await_frames, ends, outage_s
 from tests.faults.past_vehicle import Vehicle, to_and_fro
 from tests.faults.serving import Server
+from tests.packets import packets_in
 from tests.transport.conftest import free_port
 from tests.transport.router import Router
 
@@ -175,8 +175,7 @@ def await_share(drill: Drill, name: str, share: float) -> None:
 
 def compared(clip: Path, drive: str) -> tuple[bool, int, float]:
     """Whether the packets of a clip are a part of a drive to and fro, how many there are, and the seconds they span."""
-    with open_source(str(clip)) as source:
-        found = list(source.packets())
+    found = packets_in(clip)
     want = [packet.payload for packet in to_and_fro(drive).packets()]
     starts = [number for number, payload in enumerate(want) if payload == found[0].payload]
     same = any(

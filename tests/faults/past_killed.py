@@ -15,7 +15,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from lidarcodec import open_source
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past.answers import Answers
 from lidarcodec.apps.past.clip import write_clip
@@ -32,6 +31,7 @@ from lidarcodec.transport import Endpoints, open_transport, part_size
 from lidarcodec.wire import peek
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, frames, packets
 from tests.faults.outcome import Outcome
+from tests.packets import payloads_in
 from tests.transport.conftest import free_port
 
 KEEPER_KILLS, FETCH_KILLS = 120, 80
@@ -90,8 +90,7 @@ def _fetched(ring: Path, kills: int, moments: random.Random, wrong: list[str]) -
         vehicle.join()
     clip = ring.parent / "clip.mcap"
     write_clip(_new_fetch(store, endpoint).plan, PieceStore(store), clip)
-    with open_source(str(clip)) as source:
-        return [packet.payload for packet in source.packets()][: 348 * MARKED], resumed
+    return payloads_in(clip)[: 348 * MARKED], resumed
 
 
 def _killed(work: Any, given: tuple[Any, ...], after_s: float) -> int:

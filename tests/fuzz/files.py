@@ -18,7 +18,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.wire import pack
 from tests.fuzz.mutations import mutated
-from tests.packets import sensor, turning
+from tests.packets import packets_in, sensor, turning
 
 Case = tuple[bytes, Callable[[bytes], object]]
 
@@ -93,8 +93,7 @@ def rosbag_target() -> Callable[[random.Random], Case]:
         def read(damaged: bytes) -> None:
             path = Path(folder.name) / "damaged.mcap"
             path.write_bytes(damaged)
-            with open_source(path) as source:
-                list(source.packets())
+            packets_in(path)
 
         return data, read
 

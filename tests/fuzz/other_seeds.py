@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from lidarcodec import _native
 from lidarcodec.entropy import plane_coder
 from lidarcodec.entropy.varint import put_signed, put_varint
+from tests.entropy.driven import Form
 
 _TURNS = (1, 2, 36_000, 1 << 16, (1 << 18) + 1, 1 << 28)
 """Steps of a turn that fuzz_clouds knows, by number."""
@@ -40,19 +40,12 @@ def clouds(rng: np.random.Generator) -> Iterator[bytes]:
                 yield bytes([part, how]) + image + b"\0\0\0" + rng.bytes(300)
 
 
-class _Form(NamedTuple):
-    name: str
-    bits: int
-    role: str
-    of: str = "range"
-
-
 _PLANES = (
-    _Form("range", 20, "range"),
-    _Form("range2", 20, "second range"),
-    _Form("intensity", 8, "attribute"),
-    _Form("intensity2", 8, "attribute", "range2"),
-    _Form("signal", 16, "attribute"),
+    Form("range", 20, "range"),
+    Form("range2", 20, "second range"),
+    Form("intensity", 8, "attribute"),
+    Form("intensity2", 8, "attribute", "range2"),
+    Form("signal", 16, "attribute"),
 )
 _PLANE_KINDS = ((0, 19), (4, 19), (2, 7), (38, 7), (2, 15))
 """Role, likeness and range plane of each of them, and its bits, as fuzz_images reads them."""

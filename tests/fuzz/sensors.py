@@ -23,10 +23,10 @@ from lidarcodec.sensors.clouds.sensor import cloud_evidence, cloud_sensor
 from lidarcodec.sensors.images import PacketLayout, Sensor
 from lidarcodec.sensors.models.ouster.sensor import bare_sensor_of, model_from, sensor_from
 from lidarcodec.sensors.models.table import sensor_of
-from lidarcodec.sources import open_source
 from tests.fuzz.inside_others import damaged_cloud, damaged_json
 from tests.fuzz.mutations import mutated, wounded
 from tests.fuzz.other_sensors import cloud_messages
+from tests.packets import packets_in
 from tests.sensors.made_frames import PIXELS, made_layouts, packets_of_model
 from tests.sensors.ouster_packets import as_json, flat_metadata, nested_metadata
 from tests.sources.test_cloud_bags import bag1 as made_bag
@@ -164,8 +164,7 @@ def bag_target() -> Target:
         def read(damaged: bytes) -> None:
             path = Path(folder.name) / f"damaged{suffix}"
             path.write_bytes(damaged)
-            with open_source(path) as source:
-                list(source.packets())
+            packets_in(path)
 
         return data, read
 

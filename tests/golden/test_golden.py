@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -33,6 +32,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.wire.header import MAJOR
 from tests.contracts import frames
+from tests.vectors.make import split
 
 FOLDER = Path(__file__).parent
 WRITE = os.environ.get("LIDARCODEC_GOLDEN") == "write"
@@ -212,14 +212,6 @@ def digest(frame: Frame) -> str:
         parts.append(f"{array.dtype.str}{array.shape}")
         parts.append(hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest())
     return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:32]
-
-
-def split(data: bytes) -> Iterator[bytes]:
-    """Messages one after the other."""
-    while data:
-        size = wire.peek(data).total_bytes
-        yield data[:size]
-        data = data[size:]
 
 
 def decoded(data: bytes) -> list[Frame]:

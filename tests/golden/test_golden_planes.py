@@ -7,27 +7,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.entropy.plane_coder import PlaneMemory, SensorView, Unsigned, decode_planes, encode_planes
-from tests.entropy.driven import DRIVEN, driven
+from tests.entropy.driven import DRIVEN, Form, driven
 
 FILE = Path(__file__).parent / "planes.bin"
 SHIFT = np.array([0, 3, -2, 3, 0, 3], np.int32)
 RUNS = (None, np.array([[70, 3], [30, 5]], np.uint32), np.array([[100, 0]], np.uint32), None)
 STEPS = (1, 1, 5, 1)
-
-
-class Form(NamedTuple):
-    """A plane."""
-
-    name: str
-    bits: int
-    role: str = "attribute"
-    of: str = "range"
 
 
 FORMS = (

@@ -22,6 +22,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from tests import packets as made
+from tests.packets import packets_in
 from tests.sweeps import examples
 
 PACKETS = made.turning(90)
@@ -225,8 +226,7 @@ def test_a_damaged_index_hides_no_scan(tmp_path):
     assert data[4096 * (page - 1) + 4] == 12
     data[4096 * (page - 1) + 4] = 4
     path.write_bytes(data)
-    with open_source(path) as source:
-        assert list(source.packets()) == PACKETS * 4
+    assert packets_in(path) == PACKETS * 4
 
 
 def test_fewer_messages_than_the_bag_tells_of_are_said(tmp_path, caplog):

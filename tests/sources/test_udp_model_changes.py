@@ -14,7 +14,7 @@ import pytest
 from lidarcodec.sensors import find_sensor
 from lidarcodec.sources import open_source
 from lidarcodec.sources.udp.watch import LOOK_EVERY, MOST_IN_A_ROW, ODD_IN_A_ROW, ModelWatch
-from tests.apps.test_other_sensors import sent_by
+from tests.packets import payloads_in
 from tests.sensors.captures import CAPTURES
 
 METADATA = "sensors/ouster/OS-1-128_v2.3.0_1024x10.json"
@@ -44,7 +44,7 @@ def send(sock, payloads, port):
 @pytest.mark.data
 @pytest.mark.parametrize(("first", "then"), [("vlp16", "pandar40p"), ("HDL-64E S3", "vlp32c"), ("xt32m", "HDL-64E S3")])
 def test_another_model_at_the_same_address_is_recognised_and_no_packet_is_lost(data_file, caplog, first, then):
-    before, after = (sent_by(data_file(CAPTURES[name])) for name in (first, then))
+    before, after = (payloads_in(data_file(CAPTURES[name])) for name in (first, then))
     payloads = before[:400] + (after * 3)[: NEEDED + 600]
     with open_source("udp://127.0.0.1:0?wait=0.3&idle=1") as source:
         came, models = sent(source, payloads)
@@ -57,7 +57,7 @@ def test_another_model_at_the_same_address_is_recognised_and_no_packet_is_lost(d
 
 @pytest.mark.data
 def test_nonsense_in_between_changes_no_model_and_costs_ever_fewer_looks(data_file):
-    vlp16 = sent_by(data_file(CAPTURES["vlp16"]))
+    vlp16 = payloads_in(data_file(CAPTURES["vlp16"]))
     payloads = vlp16[:300] + [bytes([number % 251]) * 1248 for number in range(NEEDED + 200)] + vlp16[300:]
     with open_source("udp://127.0.0.1:0?wait=0.3&idle=1") as source:
         came, models = sent(source, payloads)
@@ -102,7 +102,7 @@ def metadata_server(bodies):
 
 @pytest.mark.data
 def test_an_ouster_that_starts_anew_is_asked_for_its_metadata_again(data_file):
-    packets = [one for one in sent_by(data_file(CAPTURES["OS-1-128"])) if len(one) > 1000]
+    packets = [one for one in payloads_in(data_file(CAPTURES["OS-1-128"])) if len(one) > 1000]
     other = [one[:4] + bytes([one[4] ^ 1]) + one[5:] for one in packets]
     payloads = packets[:100] + (other * 8)[: NEEDED + 100]
     metadata = data_file(METADATA).read_bytes()
@@ -130,7 +130,7 @@ def test_packets_of_another_model_do_not_end_a_source_whose_calibration_was_give
     data_file, caplog, first, calibration, then
 ):
     """Else who sends them from the sensor's address ends a recording, or a live stream."""
-    before, after = (sent_by(data_file(CAPTURES[name])) for name in (first, then))
+    before, after = (payloads_in(data_file(CAPTURES[name])) for name in (first, then))
     before, after = ([one for one in part if len(one) > 1000] for part in (before, after))
     long = (after * (2 + NEEDED // len(after)))[: NEEDED + 100]
     payloads = before[:100] + long + (before * (2 + NEEDED // len(before)))[: NEEDED + 100]

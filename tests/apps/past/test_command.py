@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec import open_source
 from lidarcodec.apps.past.keeper import Keep
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
@@ -22,6 +21,7 @@ from lidarcodec.transport import Endpoints
 from tests.apps.past.kept_drive import SMALL, at, big, ring
 from tests.apps.streams import Loop
 from tests.command_line import run_here, the_one_line
+from tests.packets import payloads_in
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -58,8 +58,7 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
     assert done.returncode == 0, done.stderr
     about = json.loads(capfd.readouterr().out)
     assert about["frames"] >= 14
-    with open_source(str(out)) as clip:
-        found = [packet.payload for packet in clip.packets()]
+    found = payloads_in(str(out))
     dropped = past["counts"].get("dropped", 0)  # by a machine that is too slow
     drive = Loop(about["frames"] + dropped).payloads()
     assert len(found) >= len(drive) - 348 * (dropped + 1)

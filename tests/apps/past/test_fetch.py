@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from lidarcodec import open_source
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.past import fetch
 from lidarcodec.apps.past.answers import HEAD, PART, Answers, Link
@@ -28,6 +27,7 @@ from lidarcodec.transport import asking, part_size
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.memory import MemoryNetwork, MemoryTransport
 from tests.apps.past.kept_drive import FRAME_NS, KEYS, SMALL, at, feed, frames, kept, packets, ring
+from tests.packets import packets_in
 from tests.sweeps import sampled
 
 CLIP = Clip(KEYS, at(5), at(25))
@@ -101,8 +101,7 @@ def check_exact(done: Fetch, folder: Path) -> None:
     """The clip has the packets of the drive, from its piece before the begin to its piece behind the end."""
     clip = folder / "clip.mcap"
     write_clip(done.plan, PieceStore(folder), clip)
-    with open_source(str(clip)) as source:
-        found = list(source.packets())
+    found = packets_in(str(clip))
     want = [packet for packet in packets(30) if found[0].stamp_ns <= packet.stamp_ns <= found[-1].stamp_ns]
     assert [packet.payload for packet in found] == [packet.payload for packet in want]
     assert found[0].stamp_ns <= done.clip.from_ns

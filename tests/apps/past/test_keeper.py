@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec import open_source
 from lidarcodec.apps.past import keeper as module
 from lidarcodec.apps.past.keeper import WAITING, Keep, Keeper, bytes_of, check_apart
 from lidarcodec.apps.past.kept import Kept
@@ -17,6 +16,7 @@ from lidarcodec.recording.marks import MAX_MARKS, MAX_TEXT, Mark, Marks
 from lidarcodec.recording.pieces import pieces_in, read_piece
 from lidarcodec.recording.recorded_files import recorded_files
 from tests.apps.past.kept_drive import KEYS, SMALL, at, big, feed, frames, kept, packets, ring
+from tests.packets import payloads_in
 from tests.recording.test_recording import message
 from tests.transport.test_contract import eventually
 
@@ -30,8 +30,7 @@ def files(folder: Path) -> list[Path]:
 def payloads(paths: list[Path]) -> list[bytes]:
     found = []
     for path in paths:
-        with open_source(str(path)) as source:
-            found += [packet.payload for packet in source.packets()]
+        found += payloads_in(path)
     return found
 
 
