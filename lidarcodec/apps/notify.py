@@ -87,7 +87,7 @@ class Manager:
 def told_ready(text: str, state: Callable[[], object]) -> Iterator[None]:
     """Tell the service manager that the service is ready, and then again and again that it is alive.
 
-    state: reads the state of the service, in a thread. While it does not return, nothing is told, and the manager
+    state: reads the state of the service, in a thread. While it does not return, nothing is sent, and the manager
     starts the service again.
     """
     manager = Manager.of(os.environ)

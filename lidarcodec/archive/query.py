@@ -58,7 +58,7 @@ class Bounds(NamedTuple):
 def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log.warning) -> Answer:
     """What a query over the table `frames` finds.
 
-    bounds: by default it may take all memory and any time;  warn: is told of segments whose tables are lost
+    bounds: by default it may take all memory and any time;  warn: called for segments whose tables are lost
     Raises SettingsError if it is wrong or takes more memory, SourceError for damaged tables, OSError, of these
     TimeoutError when the time is over.
     """

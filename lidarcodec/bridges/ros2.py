@@ -39,7 +39,7 @@ WORLD: Final = "map"
 TF_TOPIC: Final = "/tf"
 STATIC_TF_TOPIC: Final = "/tf_static"
 STATIC_S: Final = 1.0
-"""How often a mounting is said again: nothing here keeps messages for listeners that come later."""
+"""How often a mounting is sent again: nothing here keeps messages for listeners that come later."""
 TF_DEPTH: Final = 100
 CODED_DEPTH: Final = 10
 """Messages kept for a slow node: it needs all of them."""
@@ -146,7 +146,7 @@ class RosBridge:
                 "two streams have the same topic: bridge one of them with a separate command and its own --topic",
                 "topic",
             )
-        Node(NODE, self.names.domain, "")  # what is wrong with it is said now
+        Node(NODE, self.names.domain, "")  # an invalid name raises now
         self._ros_endpoints = ros or Endpoints.of(connect=ROUTER)
         self._given_transport, self._transport = ros_transport, ros_transport
         self._stop = threading.Event()

@@ -1,4 +1,4 @@
-"""`riddle`: what is likely is said by a small network, and corrected by what is learned while coding.
+"""`riddle`: a small network predicts what is likely, and contexts that learn while coding correct it.
 
 The coder of `predictive`, given a head start: a network in whole numbers looks at each return's surroundings and gives
 log odds, to which those of the contexts are added. Trained before, on other drives; what it does not know of a place

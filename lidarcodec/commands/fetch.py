@@ -35,7 +35,7 @@ PLAN = "plan.json"
 BEFORE_NOW: Final = re.compile(r"-[0-9]{1,6}([.][0-9]{1,3})?", re.ASCII)
 """Seconds before now: `-30`."""
 ABSENT_S: Final = 3.0
-"""Without an answer for so long, it is said that nobody answers."""
+"""After this time without an answer, the command prints that nobody answers."""
 
 
 def run(

@@ -36,7 +36,7 @@ class ReturnSamples:
 
     @property
     def inputs(self) -> int:
-        """Numbers that the network was told of each, 72 or 112."""
+        """Numbers that the network got of each return, 72 or 112."""
         return self.native.inputs
 
     def taken(self) -> Taken:

@@ -121,7 +121,7 @@ class PredictiveCoder:
         ranges: (64, W) uint16, range steps; returns: (64, W) bool, which decoding needs; fired: (2, W) bool
         step: odd, range steps in a cell; levels: (64,) int32, what is added to each row, 0 to 1000 range steps
         turn: columns in a full turn (`columns_in_turn`), 1 to 65535; by default found from the returns
-        firing: how many columns the sensor fired before this frame, as far as it can be told (`codecs.firings`)
+        firing: how many columns the sensor fired before this frame, as far as it can be told (`ranges/firings.py`)
         expected: (64, W) uint16, what to expect, 0 where nothing; decoding needs it; 3 ms more
         samples: takes some of the returns to train a network on, where there is one
         quick: with fewer contexts, where there is no network: three tenths less time, up to 0.03 bits a return more

@@ -29,7 +29,7 @@ UNSAID: Final = "not said"
 class Sent:
     """Adds up messages: columns of their frames and those sent, bounds, and how intensities were sent.
 
-    sensor: the first that a key message describes. Bounds are told by the range step of the last one before a message
+    sensor: the first that a key message describes. Bounds follow from the range step of the last one before a message
     """
 
     def __init__(self) -> None:

@@ -45,7 +45,7 @@ _FINE: Final = ((0.6, 20, 1e-3), (0.3, 20, 3e-4))
 """Correspondence distance, iterations, and step at which to stop, for each stage of registration in the map."""
 _PAIR: Final = ((0.8, 20, 1e-3), (0.4, 20, 3e-4))
 _LEAST_POINTS: Final = 50
-_BENT: Final = 9
+_SETTLING_SCANS: Final = 9
 """Number of scans after which an odometer has found the velocity."""
 
 Tick = Callable[[], None]
@@ -261,7 +261,7 @@ def refine(scans: Sequence[Scan], start: Trajectory, rounds: int = 1, tick: Tick
         raise SourceError(f"there are {len(scans)} scans, but {len(start)} poses to refine")
     found = start
     for _ in range(rounds):
-        reference = PlaneMap(map_of(scans, found, least_seen=2 if len(scans) >= 2 * _BENT else 1))
+        reference = PlaneMap(map_of(scans, found, least_seen=2 if len(scans) >= 2 * _SETTLING_SCANS else 1))
         poses = []
         for k in range(len(scans)):
             seen = voxel_means(near(deskewed(scans[k], found.velocities[k])), 0.35)
@@ -293,7 +293,7 @@ def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: N
     first: list[Scan] = []
     for scan in scans:
         chain.add(scan)
-        if len(first) < _BENT:
+        if len(first) < _SETTLING_SCANS:
             first.append(scan)
         tick()
     if not first:
@@ -347,7 +347,7 @@ def disagreement(scans: Sequence[Scan], trajectory: Trajectory, gap: int = 8, st
         )
         if min(len(here), len(there)) < 3000:
             continue
-        said = invert(trajectory.matrices[k]) @ trajectory.matrices[k + gap]
-        seen = PlaneMap(voxel_means(here, 0.15)).align(voxel_means(there, 0.2), said, _PAIR)
-        found.append(said[:3, 3] - seen[:3, 3])
+        moved_by = invert(trajectory.matrices[k]) @ trajectory.matrices[k + gap]
+        registered = PlaneMap(voxel_means(here, 0.15)).align(voxel_means(there, 0.2), moved_by, _PAIR)
+        found.append(moved_by[:3, 3] - registered[:3, 3])
     return np.array(found).reshape(-1, 3)

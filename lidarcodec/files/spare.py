@@ -1,7 +1,7 @@
 """SpareHandles: open files kept in reserve, so that a file can be opened when all others are taken.
 
 A process that accepts connections can be brought to its limit of open files by strangers who only connect. What it has
-to write must not depend on them: a recording begins its next file, and the state for a watchdog is told.
+to write must not depend on them: a recording begins its next file, and the watchdog gets the state.
 """
 
 from __future__ import annotations

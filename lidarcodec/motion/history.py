@@ -121,9 +121,8 @@ class StreamHistory:
         """Store a sent frame, (64, W) uint16 decoded ranges, 0 without a return.
 
         A slab waits until enough was sent after it. Then the expected ranges left of a slab are also a turn old, like
-        all
-        others, and not measured just before from the present pose. A whole frame waits for the next frame or call of
-        `expected`, so that a stream of key frames has no cost.
+        all others, and not measured just before from the present pose. A whole frame waits for the next frame or call
+        of `expected`, so that a stream of key frames has no cost.
         """
         self._take_waiting()
         self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth) if slab else None))

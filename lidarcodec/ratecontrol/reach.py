@@ -30,7 +30,7 @@ LOWERS: Final = 0.95
 """A setting prevents a target if leaving it free reduces the needed bitrate below this share."""
 
 FEW_COLUMNS: Final = 8
-"""Where only every so-manieth column is sent, or fewer, it is said which settings are the reason."""
+"""If at most one column in so many is sent, a warning names the settings that are the reason."""
 
 
 class ReachWarning(NamedTuple):

@@ -89,7 +89,7 @@ def _refined(
     failed: Callable[[DecodeError], object],
     refined: Callable[[RefinedFrame], object],
 ) -> Frame:
-    """The frame with its refinements; those that cannot be used are told, and change nothing."""
+    """The frame with its refinements; those that cannot be used are passed to `failed`, and change nothing."""
     try:
         found = RefinedFrame(base, message)
     except DecodeError as error:

@@ -127,10 +127,8 @@ def best_of_cells(
     """Cells of exactly `count` returns, by score, at most one in a small voxel; all if there are fewer returns.
 
     Voxel sampling keeps the return with the best score of each voxel, `over` * `count` returns; the best `count` of
-    them
-    are chosen. With `over` 1 scores decide only within voxels. If `ground` is given, it gets its share of the budget
-    and
-    is chosen in the same way. If one part has too few returns, the other gets more.
+    them are chosen. With `over` 1 scores decide only within voxels. If `ground` is given, it gets its share of the
+    budget and is chosen in the same way. If one part has too few returns, the other gets more.
 
     scores: (64, W) of any floating type; NaN is the worst score. ground: (64, W) bool
     """

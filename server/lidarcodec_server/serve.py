@@ -67,7 +67,7 @@ class Listening(uvicorn.Server):
 
     def _tell_manager(self) -> None:
         """Tell the service manager that the server is ready, and then that it is alive, from the event loop: while the
-        loop is blocked, the manager hears nothing. What it did not get is told again soon."""
+        loop is blocked, the manager hears nothing. What it did not get is sent again soon."""
         if not self._told_ready:
             self._told_ready = heard = self._manager.ready("serving")
         else:

@@ -46,7 +46,7 @@ WATCH_S: Final = 1.0
 MARK_NS: Final = 15 * 10**9
 """A condition marks so much before and after the moment at which it came true."""
 BY_STATUS: Final = "status"
-"""What a condition's marks are said to be made by."""
+"""Maker of the marks of a condition."""
 UNMARKED_NS: Final = 600 * 10**9
 """So long it is tried to mark an event that could not be marked, as on a full disk."""
 AGAIN_S: Final = 30.0

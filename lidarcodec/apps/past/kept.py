@@ -28,7 +28,7 @@ MAX_PIECES: Final = 24
 """Most pieces in one answer: 4 kB."""
 MAX_SPANS: Final = 64
 GAP_NS: Final = 2 * 10**9
-"""Files with a longer break between them are told as two spans."""
+"""Files with a longer break between them are listed as two spans."""
 FILES_KNOWN: Final = 8
 """Files whose pieces are remembered."""
 PIECES_READ: Final = 2

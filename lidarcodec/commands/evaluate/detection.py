@@ -52,7 +52,7 @@ def run(
     network = (
         None if detector == "none" else read_network(SHIPPED if detector == "shipped" else Path(detector), detector)
     )
-    for path in recordings:  # one that cannot be read is told before anything is measured
+    for path in recordings:  # one that cannot be read ends the command before anything is measured
         RecordedFrames(path)
     known = None if labels is None else read_labels(labels, camera)
     results: list[dict[str, Any]] = []

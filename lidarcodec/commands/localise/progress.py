@@ -18,7 +18,7 @@ REMEMBERED: Final = 10_000
 """Scans whose times and deviations are kept for the summary."""
 
 WRONG_HINTS: Final = 3
-"""So many hints in a row that do not fit are said, once."""
+"""After so many hints in a row that do not fit, a line is printed, once."""
 
 
 class Progress:

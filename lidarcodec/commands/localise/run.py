@@ -161,7 +161,7 @@ def of_source(asked: Asked, spec: str, calibration: Path | None, as_json: bool) 
 
 
 def _nowhere(asked: Asked, scans: int, damaged_tiles: int) -> str:
-    """What is said of a source of which no scan was found."""
+    """The message about a source of which no scan was found."""
     if not scans:
         return f"{asked.stream}: it has no scans"
     unread = f" {damaged_tiles} of its tiles cannot be read." if damaged_tiles else ""

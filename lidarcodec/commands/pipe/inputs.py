@@ -22,7 +22,7 @@ REST_S: Final = 1.0
 """Time for the rest of a pipe after a signal."""
 _SIZE: Final = struct.Struct("<I")
 _HEAD: Final = 8
-"""Bytes by which the kind of an input is told."""
+"""Bytes that show the kind of an input."""
 
 
 class Input(io.RawIOBase):

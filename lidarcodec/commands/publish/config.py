@@ -277,7 +277,7 @@ def run(
         failures = {} if stopped() else running.failures()
     try:
         tell_of(running.statuses(), as_json)
-    finally:  # a failed sensor is said first
+    finally:  # failed sensors are reported first
         if failures:
             told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
             raise SourceError(f"not everything was published: {told}")

@@ -1,4 +1,4 @@
-"""Packets made of blocks: those of Velodyne and Hesai, as one layout that is told their fields.
+"""Packets made of blocks: those of Velodyne and Hesai, as one layout that is given their fields.
 
 A block holds the returns of one or more firings of the lasers, with one azimuth. The packet is a numpy record:
 

@@ -86,9 +86,8 @@ class CaptureSource(PacketSource):
     """Packets of one sensor in a capture file: its data packets, and position packets of the same sender.
 
     Counts: `truncated`, `damaged` (1 if the file ended early), `position packets` (which are given), and data that is
-    not
-    given: `position packets not kept` (of another sender), `position packets to another port`, `wrong length`, `other
-    stream`, `other datagrams`, `other traffic`, ...
+    not given: `position packets not kept` (of another sender), `position packets to another port`, `wrong length`,
+    `other stream`, `other datagrams`, `other traffic`, ...
     """
 
     def __init__(

@@ -84,7 +84,7 @@ class Page(NamedTuple):
 
 
 def find(archive: Archive, wanted: Wanted, warn: Warn = logger.warning) -> Page:
-    """Search the index. warn: is told of lost tables, with the names of their segments
+    """Search the index. warn: called for lost tables, with the names of their segments
 
     Raises SettingsError, also for a search that takes too much memory, SourceError for a damaged index, OSError, of
     these TimeoutError.

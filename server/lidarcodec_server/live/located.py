@@ -35,7 +35,7 @@ STATES: Final = ("searching", "tracking", "lost")
 FARTHEST: Final = 1e8
 """Largest number of a pose or of a deviation."""
 PERIOD_S: Final = 0.1
-"""Viewers are told so often at most."""
+"""Shortest time between two poses for a viewer."""
 MOST_PROGRAMS: Final = 8
 FORGET_S: Final = 10.0
 WORD: Final = 64

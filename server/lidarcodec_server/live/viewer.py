@@ -165,7 +165,7 @@ class CloudViewer(Viewer):
         return Parcel(events, view.frame.index, await view.encoded(self.options.encoding, work))
 
     def _key_of(self, view: FrameView) -> object:
-        """What tells whether the sensor may have to be told again; coordinates need no more than its name."""
+        """If this changes, the sensor may have to be sent again; for coordinates its name is enough."""
         sensor = view.frame.sensor
         return sensor_key(view.frame) if self.options.encoding.form == "range" else (sensor.hash, sensor.convention)
 

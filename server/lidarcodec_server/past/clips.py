@@ -39,7 +39,7 @@ SHARES: Final = 4
 MAX_STAYING: Final = 256
 """Most such clips of one vehicle."""
 MAX_GAPS: Final = 64
-"""Most gaps that are told of a clip."""
+"""Most gaps in the record of a clip."""
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class Clips:
 
 
 def few(gaps: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    """Gaps, in order of time. From the 64th on they are one, so that never too little is said to be missing.
+    """Gaps, in order of time. From the 64th on they are one, so that never too little counts as missing.
 
     >>> few([(2 * at, 2 * at + 1) for at in range(100)])[-1]
     (126, 199)

@@ -21,8 +21,8 @@ from lidarcodec_server.past.marked import MAX_ANSWER
 ASKED: Final = 4
 """Most vehicles that are asked at once."""
 AWAY_ASKED: Final = 1
-"""Most streams that are away and are asked at once. Each may take the whole time for an answer, but it may come: what
-was kept is told also while a sensor has failed."""
+"""Most streams that are away and are asked at once. Each may take the whole time for an answer, but it may come: a
+vehicle answers about what it kept also while a sensor has failed."""
 MAX_SPANS: Final = 64
 MAX_STREAMS: Final = 256
 """Most streams whose last answer is remembered; the one that told it the longest ago is forgotten."""

@@ -12,7 +12,7 @@ from lidarcodec.evaluation.detection.detector.overlap import overlaps
 from lidarcodec.evaluation.detection.detector.view import DEPTH_M, OUT_CELLS, OUT_M, Floats, counted, seen
 
 LEAST: Final = 0.05
-"""Score below which nothing is told."""
+"""Objects with a lower score are left out."""
 MOST: Final = 100
 """Objects of each kind in a view."""
 SAME: Final = 0.1
