@@ -14,6 +14,14 @@ def clock():
     return Clock()
 
 
+@pytest.fixture
+def flight(clock):
+    """The messages in flight to one receiver."""
+    one = Path(clock=clock)
+    one.came("office")
+    return one
+
+
 def test_without_anybody_who_reports_nothing_waits(clock):
     flight = Path(clock=clock)
     for index in range(100):
@@ -22,9 +30,7 @@ def test_without_anybody_who_reports_nothing_waits(clock):
     assert flight.timeouts == 0
 
 
-def test_the_next_message_waits_for_the_report_of_the_last(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_the_next_message_waits_for_the_report_of_the_last(flight):
     assert flight.wait(0)
     flight.put(0)
     assert not flight.wait(0)
@@ -32,9 +38,7 @@ def test_the_next_message_waits_for_the_report_of_the_last(clock):
     assert flight.wait(0)
 
 
-def test_a_report_covers_everything_before_it(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_report_covers_everything_before_it(flight):
     flight.put(0)
     flight.put(3)
     flight.told("office", 3)
@@ -42,9 +46,7 @@ def test_a_report_covers_everything_before_it(clock):
     assert flight.state()["in_flight"] == 0
 
 
-def test_a_silent_receiver_holds_the_stream_up_for_a_second_only(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_silent_receiver_holds_the_stream_up_for_a_second_only(clock, flight):
     flight.put(0)
     clock.now += LIMIT_S + 0.001
     assert flight.wait(0)
@@ -186,9 +188,7 @@ def test_where_every_message_is_to_arrive_none_is_given_up_early_nor_two_sent_at
     assert flight.following == "server"
 
 
-def test_a_path_that_needs_long_for_a_message_gets_long(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_path_that_needs_long_for_a_message_gets_long(clock, flight):
     for index in range(3):
         flight.put(index)
         clock.now += 0.9
@@ -200,9 +200,7 @@ def test_a_path_that_needs_long_for_a_message_gets_long(clock):
     assert flight.wait(0)
 
 
-def test_a_receiver_that_was_killed_is_not_waited_for(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_receiver_that_was_killed_is_not_waited_for(flight):
     flight.put(0)
     flight.went("office")
     assert flight.wait(0)
@@ -266,9 +264,7 @@ def test_whoever_takes_over_does_not_answer_for_what_was_sent_before(clock):
 
 
 @pytest.mark.parametrize(("rtt_s", "send_s", "window"), [(0.0, 0.1, 1), (0.1, 0.1, 2), (0.2, 0.1, 3), (0.1, 0.01, 4)])
-def test_a_long_round_trip_gets_more_messages_in_flight(clock, rtt_s, send_s, window):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_long_round_trip_gets_more_messages_in_flight(clock, flight, rtt_s, send_s, window):
     flight.round_trip("office", rtt_s)
     for index in range(5):
         flight.put(index)
@@ -281,10 +277,8 @@ def test_a_long_round_trip_gets_more_messages_in_flight(clock, rtt_s, send_s, wi
     assert not flight.wait(0)
 
 
-def test_the_time_to_send_is_right_with_several_in_flight(clock):
+def test_the_time_to_send_is_right_with_several_in_flight(clock, flight):
     """Put together, reported 0.1 s apart after a round trip of 0.1 s: the link needs 0.1 s for each."""
-    flight = Path(clock=clock)
-    flight.came("office")
     flight.round_trip("office", 0.1)
     begin = clock.now
     reports = []
@@ -298,9 +292,7 @@ def test_the_time_to_send_is_right_with_several_in_flight(clock):
     assert flight.window == 2
 
 
-def test_what_each_message_took_is_told_once_without_the_round_trip_and_the_decoder(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_what_each_message_took_is_told_once_without_the_round_trip_and_the_decoder(clock, flight):
     flight.round_trip("office", 0.02)
     flight.put(0, 1000, key=True)
     clock.now += 0.1
@@ -311,10 +303,8 @@ def test_what_each_message_took_is_told_once_without_the_round_trip_and_the_deco
     assert flight.landings() == []
 
 
-def test_several_in_flight_share_the_time_that_the_path_was_busy(clock):
+def test_several_in_flight_share_the_time_that_the_path_was_busy(clock, flight):
     """Put together, they leave one behind the other; the path is not to be taken for half as fast."""
-    flight = Path(clock=clock)
-    flight.came("office")
     flight.round_trip("office", 0.1)
     begin = clock.now
     for index in range(3):
@@ -325,9 +315,7 @@ def test_several_in_flight_share_the_time_that_the_path_was_busy(clock):
     assert [landing.send_s for landing in flight.landings()] == pytest.approx([0.04] * 3)
 
 
-def test_a_message_that_was_given_up_says_that_the_path_stands_and_nothing_when_it_arrives_late(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_message_that_was_given_up_says_that_the_path_stands_and_nothing_when_it_arrives_late(clock, flight):
     flight.put(0, 1000)
     clock.now += LIMIT_S + 0.5
     assert flight.wait(0)
@@ -355,10 +343,8 @@ def test_another_receiver_is_another_path(clock):
     assert flight.landings() == [], "it may have come in the middle of the message"
 
 
-def test_a_decoder_that_has_to_be_started_gets_the_time_for_it(clock):
+def test_a_decoder_that_has_to_be_started_gets_the_time_for_it(clock, flight):
     """Else messages would go on, the receiver would keep only the newest, and miss what it needs."""
-    flight = Path(clock=clock)
-    flight.came("office")
     flight.new_codec()
     for index in range(NEW_CODEC_MESSAGES):
         flight.put(index)
@@ -370,10 +356,8 @@ def test_a_decoder_that_has_to_be_started_gets_the_time_for_it(clock):
     assert flight.wait(0)
 
 
-def test_frames_that_the_followed_receiver_did_not_report_though_later_ones_are_counted(clock):
+def test_frames_that_the_followed_receiver_did_not_report_though_later_ones_are_counted(clock, flight):
     """Else a message that is lost on the way, or given up and replaced in the receiver's ring, is lost in silence."""
-    flight = Path(clock=clock)
-    flight.came("office")
     flight.put(0, frames=8)
     clock.now += LIMIT_S + 0.001
     assert flight.wait(0)
@@ -383,9 +367,7 @@ def test_frames_that_the_followed_receiver_did_not_report_though_later_ones_are_
     assert flight.state()["unreported"] == 8
 
 
-def test_a_message_that_arrives_late_was_not_lost(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_message_that_arrives_late_was_not_lost(clock, flight):
     flight.put(0)
     clock.now += LIMIT_S + 0.001
     assert flight.wait(0)
@@ -406,9 +388,7 @@ def test_nobody_answers_for_what_was_sent_to_another(clock):
     assert flight.unreported == 0
 
 
-def test_what_is_forgotten_without_a_report_is_counted(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_what_is_forgotten_without_a_report_is_counted(clock, flight):
     for index in range(REMEMBERED + 3):
         flight.put(index)
         clock.now += LIMIT_S + 0.001
@@ -416,9 +396,7 @@ def test_what_is_forgotten_without_a_report_is_counted(clock):
     assert flight.unreported == 3
 
 
-def test_a_second_message_of_one_frame_waits_whatever_the_window(clock):
-    flight = Path(clock=clock)
-    flight.came("office")
+def test_a_second_message_of_one_frame_waits_whatever_the_window(clock, flight):
     flight.round_trip("office", 0.2)
     for index in range(5):
         flight.put(index)

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests import packets as made
-from tests.command_line import run_here, start
+from tests.command_line import COMMAND, environment, run_here, start
 from tests.drives import simulated
 from tests.packets import payloads_in
 from tests.sweeps import sampled
@@ -188,6 +188,13 @@ def test_a_part_is_numbered_if_there_is_one_and_the_rest_of_the_rest_can_be_done
     assert both[1:] == [str(tmp_path / f"out{end}.pcap") for end in (".partial-2", ".rest-2", "")]
 
 
+def encoded_by(program: str, source: str, out: Path) -> subprocess.CompletedProcess[str]:
+    """`encode` in a process that runs a program before."""
+    code = f"{program}from lidarcodec.__main__ import main\nmain()"
+    words = [COMMAND[0], "-c", code, "encode", source, str(out)]
+    return subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
+
+
 @pytest.mark.sweep
 def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path) -> None:
     """The second one comes while the first still waits for a frame that never ends."""
@@ -200,13 +207,8 @@ def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path)
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    time.sleep(60)\n"
         "coded_recording.CodedRecording.write = slow\n"
-        "from lidarcodec.__main__ import main\n"
-        "main()"
     )
-    from tests.command_line import COMMAND, environment
-
-    words = [COMMAND[0], "-c", program, "encode", "sim:city?frames=3", str(tmp_path / "out.mcap")]
-    done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
+    done = encoded_by(program, "sim:city?frames=3", tmp_path / "out.mcap")
     assert (done.returncode, done.stderr) == (130, "lidarcodec: stopped before it was finished\n")
     assert list(tmp_path.iterdir()) == []
 
@@ -221,13 +223,8 @@ def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: 
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    close(self)\n"
         "coded_recording.CodedRecording.close = interrupted\n"
-        "from lidarcodec.__main__ import main\n"
-        "main()"
     )
-    from tests.command_line import COMMAND, environment
-
-    words = [COMMAND[0], "-c", program, "encode", "sim:city?frames=2", str(tmp_path / "out.mcap")]
-    done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
+    done = encoded_by(program, "sim:city?frames=2", tmp_path / "out.mcap")
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
     assert len(payloads_in(tmp_path / "out.mcap")) == 718
@@ -235,8 +232,6 @@ def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_shell_does_not_go_on_behind_it(tmp_path: Path, number: int) -> None:
-    from tests.command_line import COMMAND, environment
-
     precious = tmp_path / "precious"
     precious.write_text("the only copy")
     command = shlex.join([*COMMAND, "encode", "sim:city?frames=100000", str(tmp_path / "out.mcap")])

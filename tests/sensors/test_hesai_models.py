@@ -7,12 +7,10 @@ import pytest
 
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.models.hesai_packet import HesaiSensor
-from lidarcodec.sensors.models.table import block_sensors, detect
-from tests.sensors.captures import CAPTURES, data_packets, model_of, payloads, pcd_points
+from lidarcodec.sensors.models.table import block_sensors
+from tests.sensors.captures import CAPTURES, data_packets, model_of, pcd_points
 
-SENSORS = [sensor for sensor in block_sensors() if isinstance(sensor, HesaiSensor)]
-SENSOR = {sensor.name: sensor for sensor in SENSORS}
-HESAI = [capture for capture in CAPTURES if model_of(capture) in SENSOR]
+SENSOR = {sensor.name: sensor for sensor in block_sensors() if isinstance(sensor, HesaiSensor)}
 CALIBRATIONS = {
     "pandar40p": "Pandar40P.csv",
     "pandar64": "Pandar64.csv",
@@ -30,13 +28,6 @@ CLOUDS = {
     "xt32m": "pandar_xt32m_1660893203292679064.pcd.xz",
 }
 """What nebula decodes of a scan of the capture."""
-EVIDENCE = {
-    "pandar40p": "1262 bytes that begin with ff ee, 10 blocks of 40 channels, return mode 39: Pandar40P, dual return",
-    "pandar64": "1198 bytes that begin with ee ff, 6 blocks of 64 channels, return mode 39: Pandar64, dual return",
-    "qt128": "1127 bytes that begin with ee ff, 2 blocks of 128 channels, return mode 39: QT128, dual return",
-    "xt16": "568 bytes that begin with ee ff, 8 blocks of 16 channels, return mode 39: XT16, dual return",
-    "xt32m": "820 bytes that begin with ee ff, 6 blocks of 32 channels, return mode 3c: XT32M, dual return",
-}
 MANUAL = {
     "pandar40p": ((1262, 1266), 10),
     "pandar64": ((1198, 1194), 6),
@@ -48,38 +39,6 @@ MANUAL = {
 }
 """Bytes of a packet in each of its forms, and columns of one return."""
 NEAR_M = 1e-3
-
-
-@pytest.mark.parametrize("capture", HESAI)
-def test_every_packet_comes_back(data_file, capture: str) -> None:
-    sensor, packets = SENSOR[model_of(capture)], data_packets(data_file(CAPTURES[capture]))
-    layout = sensor.layout_of(packets[0].tobytes())
-    assert layout is not None
-    assert layout.fits(packets).all()
-    images = layout.split(packets)
-    assert np.array_equal(layout.join(images), packets)
-    assert ("range2" in images.planes) == (layout.returns == 2)
-    shapes = {plane.shape for plane in images.planes.values()}
-    assert shapes == {(layout.rows, len(packets) * layout.columns)}
-    assert not images.series["azimuth_rest"].any()
-
-
-@pytest.mark.parametrize("capture", CAPTURES)
-def test_a_capture_is_taken_for_its_own_model_only(data_file, capture: str) -> None:
-    packets = payloads(data_file(CAPTURES[capture]))
-    own = SENSOR.get(model_of(capture))
-    found = detect(packets)
-    assert (None if found is None or found.model not in SENSOR else SENSOR[found.model]) is own
-    for sensor in SENSORS:
-        if sensor is not own:
-            assert not any(sensor.layout_of(payload) for payload in packets)
-            assert sensor.evidence(packets[0]) is None
-
-
-@pytest.mark.parametrize("capture", EVIDENCE)
-def test_the_evidence_is_a_sentence_for_people(data_file, capture: str) -> None:
-    packets = payloads(data_file(CAPTURES[capture]))
-    assert SENSOR[model_of(capture)].evidence(packets[0]) == EVIDENCE[capture]
 
 
 @pytest.mark.parametrize("capture", CLOUDS)
