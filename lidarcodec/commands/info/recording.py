@@ -14,6 +14,7 @@ from lidarcodec.commands.unkept import positions_of
 from lidarcodec.errors import CalibrationError, DecodeError, SettingsError
 from lidarcodec.evaluation.sent import Sent
 from lidarcodec.files.regular import open_regular
+from lidarcodec.message import Message
 from lidarcodec.planes.other_calibrations import Described
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.holes import Numbers
@@ -25,109 +26,127 @@ from lidarcodec.wire import unpack
 SHOWN_MESSAGES = 20
 
 
+class _Messages:
+    """Totals of messages, and a row for each of the first ones.
+
+    count, size: of messages and their bytes;  codecs, sections: how often, and how many bytes, by name
+    positions: position packets in them
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self.sections: Counter[str] = Counter()
+        self.codecs: Counter[str] = Counter()
+        self.count = self.size = self.keys = self.damaged = self.positions = 0
+        self.sent, self.numbers = Sent(), Numbers()
+
+    def add(self, data: bytes) -> None:
+        """Take the next message."""
+        try:
+            message = unpack(data)
+        except DecodeError as error:
+            self.damaged += 1
+            row: dict[str, Any] = {"n": self.count, "damaged": str(error)}
+        else:
+            row = self._row(message, len(data))
+        if len(self.rows) < SHOWN_MESSAGES:
+            self.rows.append(row)
+        self.count, self.size = self.count + 1, self.size + len(data)
+
+    def _row(self, message: Message, size: int) -> dict[str, Any]:
+        sizes: Counter[str] = Counter()
+        for section in message.sections:
+            sizes[section_name(section.type)] += len(section.data)
+            self.positions += positions_of(section)
+        with suppress(DecodeError):
+            self.sent.add(message)
+        codec = codec_name(message.codec)
+        self.sections += sizes
+        self.codecs[codec] += 1
+        self.keys += message.key
+        self.numbers.add(message)
+        return {
+            "n": self.count,
+            "frame": message.frame_index,
+            "kind": "key" if message.key else "inter",
+            "codec": codec,
+            "columns": message.width,
+            "packets": message.packets,
+            "bytes": size,
+            "sections": " ".join(f"{name}={bytes_}" for name, bytes_ in sizes.items()),
+        }
+
+
 def inspect_recording(path: Path) -> dict[str, Any]:
     """Metadata, totals, and a line for each of the first messages.
 
     Raises SourceError if it is not a recording.
     """
-    rows: list[dict[str, Any]] = []
-    sections: Counter[str] = Counter()
-    codecs: Counter[str] = Counter()
-    messages = keys = damaged = size = coded_positions = 0
+    seen, recorded = _Messages(), Counter[str]()
     stamps: list[int] = []
-    sent, numbers = Sent(), Numbers()
+    first: list[bytes] = []
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
         for stamp_ns, data in reader.messages():
-            messages, size = messages + 1, size + len(data)
             stamps = [stamps[0] if stamps else stamp_ns, stamp_ns]
-            try:
-                message = unpack(data)
-            except DecodeError as error:
-                damaged += 1
-                row: dict[str, Any] = {"n": messages - 1, "damaged": str(error)}
-            else:
-                sizes: Counter[str] = Counter()
-                for section in message.sections:
-                    sizes[section_name(section.type)] += len(section.data)
-                    coded_positions += positions_of(section)
-                with suppress(DecodeError):
-                    sent.add(message)
-                sections += sizes
-                codecs[codec_name(message.codec)] += 1
-                keys += message.key
-                numbers.add(message)
-                row = {
-                    "n": messages - 1,
-                    "frame": message.frame_index,
-                    "kind": "key" if message.key else "inter",
-                    "codec": codec_name(message.codec),
-                    "columns": message.width,
-                    "packets": message.packets,
-                    "bytes": len(data),
-                    "sections": " ".join(f"{name}={bytes_}" for name, bytes_ in sizes.items()),
-                }
-            if len(rows) < SHOWN_MESSAGES:
-                rows.append(row)
+            seen.add(data)
         refinements = reader.refinements
         counts = dict(reader.counts)
-        recorded: Counter[str] = Counter()
-        first: list[bytes] = []
-        of_messages = bool(messages)
         for packet in reader.packets():
-            if not of_messages:
+            if not seen.count:
                 stamps = [stamps[0] if stamps else packet.stamp_ns, packet.stamp_ns]
             recorded["position packets" if packet.position else "packets"] += 1
             if len(first) < STREAM_PACKETS and not packet.position:
                 first.append(packet.payload)
-        sensor = sent.sensor or _sensor_seen_in(path, first)
-    found = {
+        sensor = seen.sent.sensor or _sensor_seen_in(path, first)
+    positions = recorded["position packets"] + seen.positions
+    came = {"refinements": refinements.came, "bytes of refinements": refinements.came_bytes}
+    return {
         "recording": str(path),
         "metadata": metadata,
         **({} if sensor is None else {"sensor": sensor.name, "model": sensor.model, "rows": sensor.rows}),
-        "messages": messages,
-        **_frames(path, keys, numbers, damaged, recorded),
-        **(
-            {"refinements": refinements.came, "bytes of refinements": refinements.came_bytes}
-            if refinements.came
-            else {}
-        ),
+        "messages": seen.count,
+        **_frames(path, seen, recorded),
+        **(came if refinements.came else {}),
         "raw packets": recorded["packets"],
-        **({"position packets": positions} if (positions := recorded["position packets"] + coded_positions) else {}),
+        **({"position packets": positions} if positions else {}),
         "begins": time_text(stamps[0]) if stamps else None,
         "duration_s": round((stamps[1] - stamps[0]) * 1e-9, 3) if stamps else None,
-        "codecs": dict(codecs),
-        **({"sent": sent.result() | _measured(reader.losses)} if numbers.frames else {}),
-        **({"bytes of messages": size} if messages else {}),
-        "bytes by section": dict(sections),
+        "codecs": dict(seen.codecs),
+        **({"sent": seen.sent.result() | _measured(reader.losses)} if seen.numbers.frames else {}),
+        **({"bytes of messages": seen.size} if seen.count else {}),
+        "bytes by section": dict(seen.sections),
         "noticed": counts,
-        **({f"messages 0 to {len(rows) - 1}": [row for row in rows if "damaged" not in row]} if rows else {}),
-        "damaged": [row for row in rows if "damaged" in row],
+        **(
+            {f"messages 0 to {len(seen.rows) - 1}": [row for row in seen.rows if "damaged" not in row]}
+            if seen.rows
+            else {}
+        ),
+        "damaged": [row for row in seen.rows if "damaged" in row],
     }
-    return found
 
 
-def _frames(path: Path, keys: int, numbers: Numbers, damaged: int, recorded: Counter[str]) -> dict[str, Any]:
+def _frames(path: Path, seen: _Messages, recorded: Counter[str]) -> dict[str, Any]:
     """Frames, those that are missing between them, and damaged messages; of raw packets, how they are read."""
-    if recorded["packets"] and not (numbers.frames or damaged):
+    if recorded["packets"] and not (seen.numbers.frames or seen.damaged):
         how = (
             f'raw packets, not frames: `lidarcodec info "{path}?read=packets"` finds their frames, and '
             f"`lidarcodec convert {path} drive.pcap` writes them as a capture"
         )
         return {"frames": None, "holds": how}
-    longest = numbers.longest()
+    longest = seen.numbers.longest()
     hole = (
         f"{longest.seconds:.1f} s, {counted(longest.frames, 'frame')}, after {time_text(longest.from_ns)}"
         if longest
         else None
     )
     return {
-        "key messages": keys,
-        "frames": numbers.frames,
-        "missing frames": numbers.missing,
+        "key messages": seen.keys,
+        "frames": seen.numbers.frames,
+        "missing frames": seen.numbers.missing,
         **({"longest hole": hole} if hole else {}),
-        "damaged messages": damaged,
+        "damaged messages": seen.damaged,
     }
 
 
