@@ -17,7 +17,7 @@ from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.tasks import Ended, Task
 from lidarcodec.errors import SettingsError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 TRIES: Final = 3
 """A task that failed so often is set aside."""
@@ -122,7 +122,7 @@ def drive(
                 tick()
                 continue
             outcome.counts["tried_again"] += 1
-            log.info("%s is tried again: %s", ended.task.label, ended.why)
+            logger.info("%s is tried again: %s", ended.task.label, ended.why)
             pause = pause_s * 2 ** (failures[key] + kills[key] - 1)
             heapq.heappush(waiting, (time.monotonic() + min(pause, 60.0), next(numbers), ended.task))
     outcome.complete = False

@@ -22,7 +22,7 @@ from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.table import Tables, duckdb_errors, text_of, with_tables
 from lidarcodec.errors import SourceError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 FAN_IN: Final = 16
 """Tables of about the same size that are joined to one."""
@@ -105,7 +105,7 @@ def _unreadable(store: Store) -> list[str]:
             if store.size(_table(ident)) is not None:  # otherwise it was removed meanwhile
                 raise
         except SourceError as error:
-            log.warning("a joined table is damaged and was removed: %s", error)
+            logger.warning("a joined table is damaged and was removed: %s", error)
             damaged.append(ident)
     return damaged
 
@@ -202,6 +202,6 @@ def _listed(store: Store) -> tuple[dict[str, frozenset[str]], list[str]]:
         except FileNotFoundError:  # removed meanwhile
             continue
         except SourceError as error:
-            log.warning("a joined table is damaged and is not used: %s", error)
+            logger.warning("a joined table is damaged and is not used: %s", error)
             damaged.append(ident)
     return found, damaged

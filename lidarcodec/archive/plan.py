@@ -21,7 +21,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.untrusted.text import printable
 from lidarcodec.wire.header import MAJOR, MINOR
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 ALONE: Final = frozenset({"raw", "zstd", "pcodec", "png", "jxl", "jpeg"})
 """Codecs whose frames need no other frame."""
@@ -129,7 +129,7 @@ class CompressPlan:
         try:
             return read_plan(self._target, self._contents.plans[origin].object)
         except SourceError as error:
-            log.warning("the input is divided into segments again: %s", error)
+            logger.warning("the input is divided into segments again: %s", error)
             return None
 
     def _segments(self, cutting: Task, plan: dict[str, Any]) -> Iterator[Task]:

@@ -22,7 +22,7 @@ from lidarcodec.recording.recorded_files import is_written
 from lidarcodec.settings import is_name
 from lidarcodec.untrusted.json import MAX_BYTES, read_json
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _STEP: Final = 1 << 18
 """Bytes that are read at once: the rate is kept over pieces of this size."""
@@ -82,7 +82,7 @@ def push(
             counts["gone"] += 1
             continue
         except OSError as error:
-            log.warning("a file was left out: %s", error)
+            logger.warning("a file was left out: %s", error)
             counts["unreadable"] += 1
             continue
         before = os.fstat(file.fileno())
@@ -90,7 +90,7 @@ def push(
             served = path.parent != folder
             name = _name(file, f"{path.parent.name}-{path.name}" if served else path.name)
             if name is None:
-                log.warning("a file was left out: %s is not a recording, or its name has odd characters", path)
+                logger.warning("a file was left out: %s is not a recording, or its name has odd characters", path)
                 counts["unreadable"] += 1
                 continue
             stored, told = _uploaded(file, name, store, rate, counts)
@@ -132,7 +132,7 @@ def _uploaded(
         counts["already_there"] += 1
         return name, told
     if name != wanted:
-        log.warning("the store already has another recording named %s: this one is stored as %s", wanted, name)
+        logger.warning("the store already has another recording named %s: this one is stored as %s", wanted, name)
     store.upload(name, _pieces(file, rate))
     if store.size(name) != size:
         raise SourceError(f"{name} in the store does not have the size that was sent: the local recording was kept")

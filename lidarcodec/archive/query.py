@@ -14,7 +14,7 @@ from lidarcodec.archive.stores.base import Store
 from lidarcodec.archive.table import Tables, duckdb_errors, with_tables
 from lidarcodec.errors import SettingsError, SourceError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 TRIES: Final = 3
 """So often a query is tried when tables were joined or replaced, and then removed, while it ran."""
@@ -55,7 +55,7 @@ class Bounds(NamedTuple):
             timer.cancel()
 
 
-def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = log.warning) -> Answer:
+def query(store: Store, sql: str, bounds: Bounds | None = None, warn: Warn = logger.warning) -> Answer:
     """What a query over the table `frames` finds.
 
     bounds: by default it may take all memory and any time;  warn: called for segments whose tables are lost
@@ -106,7 +106,7 @@ def _answered(
     store: Store,
     answer: Callable[[Any], Found],
     options: Mapping[str, str | int] = MappingProxyType({}),
-    warn: Warn = log.warning,
+    warn: Warn = logger.warning,
 ) -> tuple[Found, int]:
     """What `answer` makes of a connection, and the number of segments whose tables are lost."""
     tables = tables_to_read(store)

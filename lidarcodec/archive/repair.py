@@ -14,7 +14,7 @@ from lidarcodec.archive.objects import read_commit
 from lidarcodec.archive.stores.base import Store
 from lidarcodec.errors import SourceError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 class _Named(NamedTuple):
@@ -66,7 +66,7 @@ def _known(store: Store, commit: Commit, known: dict[Commit, _Named | None]) -> 
             value = read_commit(store, commit)
             known[commit] = _Named(value["object"], value["table"], value["bytes"])
         except SourceError as error:
-            log.warning("the description of a segment was left unchanged: %s", error)
+            logger.warning("the description of a segment was left unchanged: %s", error)
             known[commit] = None
     return known[commit]
 
@@ -87,9 +87,9 @@ def _kept(store: Store, there: dict[str, int], known: dict[Commit, _Named | None
                 yield from (name for name in there if f"/{commit.segment}-" in name)
                 continue
             if not hidden and there.get(found.object) != found.size:
-                log.warning("%s is damaged, and its input no longer exists, so it was left unchanged", found.object)
+                logger.warning("%s is damaged, and its input no longer exists, so it was left unchanged", found.object)
             if not hidden and found.table not in there:
-                log.warning(
+                logger.warning(
                     "the table of %s is lost, and its input no longer exists: queries do not find its frames",
                     found.object,
                 )

@@ -11,7 +11,7 @@ from typing import BinaryIO, Final, NamedTuple
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError, SourceError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 HEADER_BYTES: Final = 24
 ORDERS: Final = {
@@ -54,7 +54,7 @@ def records(handle: BinaryIO, path: Path, order: str, skip_damage: bool) -> Iter
             damage = f"{path} is {what}: record {number} {why}"
             if not skip_damage:
                 raise SourceError(f"{damage}. Use --allow-gap to take the packets before that place")
-            log.warning("%s. Only the packets before that place were read", damage)
+            logger.warning("%s. Only the packets before that place were read", damage)
             return
         yield record
         number += 1

@@ -32,7 +32,7 @@ from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 def run(
@@ -128,7 +128,7 @@ class _Coding:
                         if not source.live or not coded.frames:
                             raise
                         if unfit is None:
-                            log.warning("%s: %s; its frames are left out", source.label, error)
+                            logger.warning("%s: %s; its frames are left out", source.label, error)
                         left_out, unfit = left_out + 1, error
                         continue
                     if self.learn:

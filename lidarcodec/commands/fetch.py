@@ -29,7 +29,7 @@ from lidarcodec.transport import open_transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.times import rfc_3339, time_ns_of
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 PLAN = "plan.json"
 BEFORE_NOW: Final = re.compile(r"-[0-9]{1,6}([.][0-9]{1,3})?", re.ASCII)
@@ -81,16 +81,16 @@ def run(
         store.forget(piece.name for piece in plan.pieces)  # those of other clips of this output stay
         (store.folder / _plan_name(clip)).unlink(missing_ok=True)
     for begin_ns, end_ns in plan.gaps():
-        log.warning(
+        logger.warning(
             "the vehicle kept nothing for %.1f s, beginning at %s", (end_ns - begin_ns) / 1e9, rfc_3339(begin_ns)
         )
     if (longest := longest_of(written.holes)) is not None:
-        log.warning(
+        logger.warning(
             "%d frames are missing between those of the clip, because the vehicle did not keep them; the longest hole "
             "is %.1f s, beginning at %s", written.missing, longest.seconds, rfc_3339(longest.from_ns),
         )  # fmt: skip
     if written.frames != state["frames"]:
-        log.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)
+        logger.warning("the vehicle listed %d frames, and sent %d", state["frames"], written.frames)
     about = {"output": str(out), "bytes": written.bytes, "frames": written.frames}
     about |= {name: state[name] for name in ("bytes_received", "gaps")}
     about |= {"missing": written.missing, "holes": [list(hole) for hole in written.holes]}
@@ -144,7 +144,7 @@ class _Progress:
             self._since_s = None
         if self._since_s is not None and time.monotonic() - self._since_s > ABSENT_S:
             self._since_s = None
-            log.warning(
+            logger.warning(
                 "nobody has answered for %s yet; waiting for up to %g s. Check the name and --connect, and whether the "
                 "vehicle publishes with --keep", self._key, self._patience_s,
             )  # fmt: skip

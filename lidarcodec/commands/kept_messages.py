@@ -30,7 +30,7 @@ from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.units import counted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -92,9 +92,9 @@ def run(
         if watched.cut:
             output.only_part()
     if kept.left_out:
-        log.warning("%s: %s were left out", path, counted(kept.left_out, "damaged message"))
+        logger.warning("%s: %s were left out", path, counted(kept.left_out, "damaged message"))
     if kept.undecoded:
-        log.warning("%s: %s could not be decoded and have no points", path, counted(kept.undecoded, "message"))
+        logger.warning("%s: %s could not be decoded and have no points", path, counted(kept.undecoded, "message"))
     written = output.kept or out
     _tell(written, kept, chosen.earlier, clouds=clouds, as_json=as_json)
     if watched.cut:

@@ -16,7 +16,7 @@ from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources.unkept import IN_PART, unkept
 from lidarcodec.units import MAX_PACKETS, counted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 HOLDS_POSITIONS = ".pcap"
 
@@ -28,11 +28,11 @@ def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None
     """
     in_part = Counter({cause: counts[cause] for cause in IN_PART})
     if (left := unkept(counts - in_part)) is not None:
-        log.warning("%s: not kept: %s", label, left)
+        logger.warning("%s: not kept: %s", label, left)
     if (left := unkept(in_part)) is not None:
-        log.warning("%s: only in part: %s", label, left)
+        logger.warning("%s: only in part: %s", label, left)
     if short is not None and (text := short.text()):
-        log.warning("%s: packets are missing in it: %s", label, text)
+        logger.warning("%s: packets are missing in it: %s", label, text)
 
 
 def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:

@@ -25,7 +25,7 @@ from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 OF_THE_SOURCE: Final = "the source"
 """So begin sentences about the source alone."""
@@ -91,7 +91,7 @@ def compared(
         comparison.finish(packets)
         coverage = None if watched.cut else packets.coverage(stopped)
     for text in recorded.warnings():
-        log.warning("%s", text)
+        logger.warning("%s", text)
     say_unkept(spec, source.counts)
     if coverage is None and not comparison.frames:
         raise StoppedError(f"stopped before the first frame of {recording} was compared")

@@ -17,7 +17,7 @@ from typing import Final
 
 from lidarcodec.errors import SourceError
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 WAIT_S: Final = 30.0
 """Longest wait for another call; a call of `certs` takes a second or two."""
@@ -114,7 +114,7 @@ def _take(handle: int, folder: Path, until_s: float) -> None:
         except OSError as error:
             if error.errno not in _UNKNOWN:
                 raise SourceError(f"cannot lock {folder}: {error.strerror or error}") from None
-            log.warning("%s cannot be locked: do not change it with another command at the same time", folder)
+            logger.warning("%s cannot be locked: do not change it with another command at the same time", folder)
             return
         else:
             return

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _NAME_CHARACTERS: Final = 40
 """Of a hidden name, those that tell what it belongs to: a long name must not become too long."""
@@ -56,7 +56,7 @@ def remove_made(path: Path) -> None:
             path.unlink(missing_ok=True)
     except OSError as error:
         if os.path.lexists(path):  # a folder that cannot be written to refuses this, too, for what never was there
-            log.warning("%s could not be removed: %s", path, error.strerror or error)
+            logger.warning("%s could not be removed: %s", path, error.strerror or error)
 
 
 def remove_leftovers(path: Path, suffix: str) -> None:
@@ -84,7 +84,7 @@ def _remove(hidden: Path) -> None:
     try:
         if os.path.samestat(os.fstat(handle), about):
             hidden.unlink()
-            log.info("%s was left over by a command that was killed, and is removed", hidden)
+            logger.info("%s was left over by a command that was killed, and is removed", hidden)
     finally:
         os.close(handle)
 

@@ -31,7 +31,7 @@ from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.files.leftovers import held, hidden_name, let_go, remove_leftovers, remove_made
 from lidarcodec.files.renaming import exchange, rename_new, synced
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _MOST_BYTES: Final = 255
 """Of a name, where the file system does not say."""
@@ -240,7 +240,7 @@ class Whole:
                     path.unlink()
             old.rmdir()
         except OSError as error:
-            log.warning("the previous %s could not be removed and is now %s: %s", name, old, error.strerror or error)
+            logger.warning("the previous %s could not be removed and is now %s: %s", name, old, error.strerror or error)
 
     def _said(self, error: OSError) -> LidarCodecError:
         if isinstance(error, FileExistsError):

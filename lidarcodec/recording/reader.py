@@ -25,7 +25,7 @@ from lidarcodec.recording.order import in_sent_order
 from lidarcodec.recording.records import Channel, DamagedError, Record, Stored, Work
 from lidarcodec.recording.refinements import Refinements
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _LOOKED_AT: Final = 1000
 """Messages of the first chunk that are looked at for the channels at the beginning."""
@@ -372,7 +372,7 @@ class RecordingReader:
     def _warn(self, text: str) -> None:
         if not self._warned:
             self._warned = True
-            log.warning("%s", text)
+            logger.warning("%s", text)
 
 
 def _with(times: _Times, first: int, last: int) -> _Times:

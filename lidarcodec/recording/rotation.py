@@ -36,7 +36,7 @@ from lidarcodec.recording.recorded_files import (
 from lidarcodec.recording.writer import RecordingWriter
 from lidarcodec.settings import StreamSettings, valid_name
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 MIN_FILE_BYTES: Final = 2**20
 _OVERHEAD: Final = 320
@@ -190,7 +190,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         if file is None or (what := lost(file)) is None:
             return
         self.counts["lost files"] += 1
-        log.error("%s was %s while it was being recorded: its content is lost", file.name, what)
+        logger.error("%s was %s while it was being recorded: its content is lost", file.name, what)
         self._writer = self._file = None
         with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
             os.dup2(nowhere.fileno(), file.fileno())  # so that its buffer is not written into another program's file
@@ -325,17 +325,17 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.counts["deleted files"] += 1
         self.counts["deleted for a full disk"] += 1
         if self.counts["deleted for a full disk"] == 1:
-            log.warning("the disk of %s is full: the oldest recordings there are deleted", self.folder)
+            logger.warning("the disk of %s is full: the oldest recordings there are deleted", self.folder)
         return True
 
     def _stop(self, reason: str) -> None:
         if self.stopped is None:
             self.stopped = reason
-            log.error("recording to %s stopped: %s", self.folder, reason)
+            logger.error("recording to %s stopped: %s", self.folder, reason)
         try:
             self._end()
         except (OSError, MemoryError):
-            log.debug("the last file in %s has no index", self.folder)
+            logger.debug("the last file in %s has no index", self.folder)
 
 
 def _never(path: Path) -> bool:

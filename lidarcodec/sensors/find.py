@@ -21,7 +21,7 @@ from lidarcodec.sensors.models.table import OUSTERS, PACKETS, any_packets, detec
 from lidarcodec.sensors.status_reader import StatusReader
 from lidarcodec.units import PACKET_BYTES
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 def find_sensor(
@@ -57,7 +57,7 @@ def _of_model(family: Sensor, capture: Path | None, given: Path | None) -> Senso
             check_maker(data, family.name, str(path))
             return family.calibrated(data, "beside", str(path))
         except CalibrationError as error:
-            log.warning("not used: %s", error)
+            logger.warning("not used: %s", error)
     return family.generic_sensor
 
 
@@ -81,7 +81,7 @@ def _ouster(capture: Path | None, given: Path | None, payloads: Sequence[bytes],
         )
     if model in OUSTERS and model != found.model:
         raise CalibrationError(f"metadata {path} is of an {found.model}, not of an {model}")
-    log.info("metadata of %s from %s", found.name, path)
+    logger.info("metadata of %s from %s", found.name, path)
     return found
 
 
@@ -101,9 +101,9 @@ def find_calibration(capture: Path | None, given: Path | None, first_payloads: S
         try:
             sensor = read_calibration(path, "beside")
         except CalibrationError as error:
-            log.warning("not used: %s", error)
+            logger.warning("not used: %s", error)
             continue
-        log.info("calibration of %s from %s", capture, path)
+        logger.info("calibration of %s from %s", capture, path)
         return sensor
     return _of_stream(first_payloads) or generic_for(first_payloads)
 

@@ -44,7 +44,7 @@ from lidarcodec.sensors.status import (
 )
 from lidarcodec.units import HOUR_US, LASERS, TAIL_OFFSET
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 UNKNOWN: Final = -1
 MAX_LOST: Final = 512
@@ -202,7 +202,7 @@ class StatusReader:
         except CalibrationError as error:
             self.failed += 1
             if self.failed == 1:
-                log.warning("the calibration in the sensor's status bytes cannot be used: %s", error)
+                logger.warning("the calibration in the sensor's status bytes cannot be used: %s", error)
             self._table[:] = UNKNOWN
             return False
         self.sensor = SensorModel(f"HDL-64E {'S3' if self._s3 else 'S2'}", calibration, "stream")

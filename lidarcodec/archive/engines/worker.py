@@ -21,7 +21,7 @@ from typing import Final
 from lidarcodec.archive.scratch import forget
 from lidarcodec.archive.tasks import work
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 OVER: Final = 77
 """Exit code of a worker that took more memory than it may."""
@@ -38,7 +38,7 @@ def serve(pipe: Connection, scratch: Path, parent: int, memory_mb: int | None) -
     tempfile.tempdir = str(scratch)
     logging.basicConfig(level=logging.ERROR, format="lidarcodec: %(message)s")
     if memory_mb is not None and not STATUS.exists():
-        log.warning("the memory of tasks is not limited here, because there is no %s", STATUS)
+        logger.warning("the memory of tasks is not limited here, because there is no %s", STATUS)
         memory_mb = None
     threading.Thread(target=_watch, args=(scratch, parent, memory_mb), daemon=True).start()
     with contextlib.suppress(EOFError, OSError):

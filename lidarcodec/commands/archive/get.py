@@ -28,7 +28,7 @@ from lidarcodec.recording import RecordingWriter
 from lidarcodec.units import counted
 from lidarcodec.untrusted.times import rfc_3339
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 RECORDING: Final = ".mcap"
 FOLDER: Final = "kitti"
@@ -114,7 +114,7 @@ def _frames(
             second += second_returns(frame) if form.first_returns and placing.returns == "first" else 0
             tick()
     if second:
-        log.warning("%s: %s", out, second_returns_text(second, "--returns all" * form.numbered))
+        logger.warning("%s: %s", out, second_returns_text(second, "--returns all" * form.numbered))
     return count, watched.cut
 
 

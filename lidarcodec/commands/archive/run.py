@@ -35,7 +35,7 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import check_offline
 from lidarcodec.settings import StreamSettings
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 NUMBERS: Final = (
     "inputs", "finished", "other_settings", "unfinished", "changed", "earlier_aside", "tasks", "segments",
@@ -117,7 +117,7 @@ def run(source: str, archive: str, wanted: Wanted, as_json: bool) -> bool:
             result |= _joined(target)
     result |= plan.counts
     for remark in plan.remarks():
-        log.warning("%s", remark)
+        logger.warning("%s", remark)
     tell(result, _text(result), as_json)
     missing = result["broken"] or result["unfinished"] or result["earlier_aside"] or result["lost"]
     return not (outcome.aside or outcome.left or missing)
@@ -227,7 +227,7 @@ def _driven(wanted: Wanted, plan: Plan, target: Store) -> Outcome:
     finally:
         engine.close()
     for label, why in (*outcome.aside, *outcome.left)[:_SHOWN]:
-        log.warning("%s: %s", label, why)
+        logger.warning("%s: %s", label, why)
     if not outcome.complete:
         raise StoppedError("stopped: run the same command again to continue")
     return outcome
@@ -238,7 +238,7 @@ def _joined(target: Store) -> dict[str, int]:
     try:
         return index(target)
     except (OSError, SourceError, SettingsError) as error:
-        log.warning("tables were not joined (%s), so queries are slower: run --job index later", error)
+        logger.warning("tables were not joined (%s), so queries are slower: run --job index later", error)
         return {}
 
 

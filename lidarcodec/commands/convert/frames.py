@@ -45,7 +45,7 @@ from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.transport import Endpoints
 from lidarcodec.units import counted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 INSTEAD: Final = "; `convert` makes a rosbag2 of a folder, --as FORMAT other files"
 REMEDY: Final = "--returns all"
 APART: Final = "Each frame keeps its own sensor frame"
@@ -127,11 +127,11 @@ class _Recorded:
     def say(self) -> None:
         say_unkept(str(self._path), self._counts)
         for text in self._recorded.warnings():
-            log.warning("%s", text)
+            logger.warning("%s", text)
         layers = self.layers
         if layers and (layers["part"] or layers["base"]):
             text = self._recorded.layers_text()
-            log.warning("%s: %s; all other frames have only the larger error bound base_error_m", self._path, text)
+            logger.warning("%s: %s; all other frames have only the larger error bound base_error_m", self._path, text)
 
     @property
     def layers(self) -> dict[str, int] | None:
@@ -177,7 +177,7 @@ class _Streamed:
     def say(self) -> None:
         missing = self._stream.summary().get("missing", 0)
         if missing:
-            log.warning("%s: %d frames of the stream did not arrive", self._key, missing)
+            logger.warning("%s: %d frames of the stream did not arrive", self._key, missing)
 
 
 def receive(key: str, wanted: Wanted, endpoints: Endpoints, mount: Mounting | None = None) -> None:

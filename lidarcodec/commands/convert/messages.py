@@ -27,7 +27,7 @@ from lidarcodec.recording.rosbag import METADATA
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 FORM: Final = "messages"
 POINTS_TOPIC: Final = "/points"
@@ -89,9 +89,9 @@ def run(spec: str, out: Path, topic: str | None, frame_id: str | None, *, force:
             output.only_part()
     kept = output.kept or out
     if left_out:
-        log.warning("%s: %d damaged messages were left out", path, left_out)
+        logger.warning("%s: %d damaged messages were left out", path, left_out)
     if refinements := reader.refinements.untaken():
-        log.warning(
+        logger.warning(
             "%s: %d refinements were left out: the bag holds the base of these frames, within base_error_m",
             path,
             refinements,

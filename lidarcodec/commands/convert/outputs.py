@@ -23,7 +23,7 @@ from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_BYTES
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 Form = Literal["pcap", "recording", "packets", "rosbag"]
 FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
@@ -192,7 +192,7 @@ class Bag:
             self.writer.write_cloud(posed(last, self._poses, mount=self._mount))
         self.writer.close()
         if self._positions:
-            log.warning("a rosbag cannot hold position packets: %d were left out", self._positions)
+            logger.warning("a rosbag cannot hold position packets: %d were left out", self._positions)
         if self.writer.left_out:
-            log.warning("%s", self.writer.not_kept())
+            logger.warning("%s", self.writer.not_kept())
         return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)

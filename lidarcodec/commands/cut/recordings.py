@@ -22,7 +22,7 @@ from lidarcodec.recording.order import REACH
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.units import counted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _MOST_HELD: Final = 1000
 """Most messages that wait for refinements of the part before."""
@@ -89,7 +89,7 @@ def run(wanted: Cut) -> None:
         copied = RecordingReader(handle, warn=False)
         written, count = write(wanted, numbered(copied, plan), write_part)
     if damaged:
-        log.warning("%s: copied as they are, though damaged: %s", wanted.source, counted(damaged, "message"))
+        logger.warning("%s: copied as they are, though damaged: %s", wanted.source, counted(damaged, "message"))
     instead = ""
     if plan.earlier and wanted.every_ns is None:
         numbers = f"--skip {plan.skipped} --frames {plan.frames}"

@@ -17,7 +17,7 @@ from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sources.captures.source import Sender, senders_of
 from lidarcodec.units import counted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json: bool = False) -> None:
@@ -93,7 +93,7 @@ def _say_others(paths: Sequence[Path], out: Path) -> None:
             source = f"src={ip_address(address)}"
             source += f"&port={port}" if address in [one.stream[0] for one in first] else ""
             remedy = f'"{out}" is read as the first, "{out}?{source}" as the second'
-        log.warning("%s is of %s, but %s is of %s: %s", paths[0], first[0], path, found[0], remedy)
+        logger.warning("%s is of %s, but %s is of %s: %s", paths[0], first[0], path, found[0], remedy)
         return
 
 

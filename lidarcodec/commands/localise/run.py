@@ -42,7 +42,7 @@ from lidarcodec.transport import Endpoints, Transport, open_transport, party_of
 from lidarcodec.transport.base import Priority, Sender
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 ENDINGS: Final = (".pcap", ".pcapng", ".mcap", ".xz", ".zst", ".bin", ".bag", ".db3")
 """Endings of files: a name that ends so is no stream."""
@@ -177,7 +177,9 @@ def live(asked: Asked, key: str, receiver: str | None, until_end: bool, given: G
     endpoints, keys, stop = endpoints_of(given), StreamKeys.parse(key), threading.Event()
     party = party_of(endpoints)
     if party is not None and party.role == "viewer":
-        log.warning("poses reach nobody on the network: %s is a viewer, and only operators may send them", party.name)
+        logger.warning(
+            "poses reach nobody on the network: %s is a viewer, and only operators may send them", party.name
+        )
     summary: dict[str, Any] | None = None
     with (
         stoppable(stop.set) as stopped,
@@ -323,7 +325,7 @@ class _Poses:
     def say(self) -> None:
         """Warn of poses that are not in the file."""
         if self._earlier:
-            log.warning(
+            logger.warning(
                 "%d poses are not in the file, because their times are not later than that of one before: did a clock "
                 "jump?", self._earlier,
             )  # fmt: skip

@@ -33,7 +33,7 @@ from lidarcodec.sensors.capture_names import stem_of
 from lidarcodec.sensors.find import beside
 from lidarcodec.sources.mounts import Mounted
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 ENDING: Final = ".lcmap"
 BUILDING: Final = ".building"
@@ -186,7 +186,7 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
                     size = file.tell()
         except LidarCodecError:
             if kept.saved:
-                log.warning("%s has what was done: the same command goes on there", folder)
+                logger.warning("%s has what was done: the same command goes on there", folder)
             else:
                 kept.clear()
             raise

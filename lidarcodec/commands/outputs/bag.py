@@ -13,7 +13,7 @@ from lidarcodec.recording.rosbag import CLOUDS_TOPIC, METADATA
 from lidarcodec.sensors.clouds.points import payload_of
 from lidarcodec.sensors.models.table import frame_id_of
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 class BagOutput:
@@ -44,4 +44,4 @@ class BagOutput:
         if self._folder is not None:
             (self._folder / METADATA).write_text(self._writer.metadata(self._file.name))
         if self._writer.left_out:
-            log.warning("%s", self._writer.not_kept())
+            logger.warning("%s", self._writer.not_kept())

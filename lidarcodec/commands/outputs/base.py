@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 Cloud = npt.NDArray[np.void]
 """(N,) structured array of points, as `Frame.cloud()` gives it, perhaps moved and cut."""
@@ -109,7 +109,7 @@ class Rows:
         top = 255 if self.dtype["intensity"] == np.uint8 else 65535
         if not self._clipped and cloud["intensity"].max(initial=0) > top:
             self._clipped = True
-            log.warning(
+            logger.warning(
                 "intensities from frame %d on are clipped to %d, because those of the first sensor have 8 bits",
                 frame.index,
                 top,

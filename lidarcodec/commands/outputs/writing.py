@@ -22,7 +22,7 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import whole
 from lidarcodec.frame import Frame, several
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 EACH: Final = f"{SCANS}; for other files of one frame, write [frame] to each"
 
@@ -62,5 +62,5 @@ def write_frames(frames: Iterable[Frame], out: str | Path, *, returns: Returns =
             points += len(cloud) if form.points else frame.points + twice * (returns == "all")
             second += twice * (returns == "first")
     if second:
-        log.warning("%s: %s", path, second_returns_text(second))
+        logger.warning("%s: %s", path, second_returns_text(second))
     return points

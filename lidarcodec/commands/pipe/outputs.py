@@ -21,7 +21,7 @@ from lidarcodec.frame_images import layout_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _SIZE: Final = struct.Struct("<I")
 _CLOUD: Final = struct.Struct("<qII")
@@ -122,7 +122,7 @@ class Clouds:
     def write(self, frame: Frame) -> bool:
         if not _has_points(frame):
             if not self._warned:
-                log.warning("no points can be made of packets of %s: their layout is not known", frame.sensor.name)
+                logger.warning("no points can be made of packets of %s: their layout is not known", frame.sensor.name)
             self._warned = True
             return False
         cloud = frame.cloud()

@@ -36,7 +36,7 @@ from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 STANDARD: Final = "-"
 OF_MESSAGES: Final = ("messages", "recording")
@@ -310,7 +310,7 @@ def _base(reader: RecordingReader) -> Iterator[bytes]:
     for _, data in reader.messages():
         yield data
     if refinements := reader.refinements.untaken():
-        log.warning(
+        logger.warning(
             "%d refinements were left out: the output holds the base of these frames, within base_error_m", refinements
         )
 

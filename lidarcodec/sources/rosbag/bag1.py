@@ -23,7 +23,7 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.sources.magic import BAG_MAGIC
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 MAX_HEAD: Final = 1 << 16
 MAX_CONNECTIONS: Final = 4096
@@ -97,7 +97,7 @@ def _records(file: IO[bytes], path: Path, counts: Counter[str], warn: bool) -> I
     except _DamagedError as error:
         counts["damaged"] += 1
         if warn:
-            log.warning("%s is damaged: %s. The rest was not read", path, error)
+            logger.warning("%s is damaged: %s. The rest was not read", path, error)
 
 
 def _count(allowed: Allowance, seen: int) -> None:

@@ -15,7 +15,7 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.refinements import Refinements
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 class CodedMessages:
@@ -34,7 +34,7 @@ class CodedMessages:
         """Count and log that the rest is not read. why: the reason"""
         self._counts["damaged"] += 1
         if self._warn:
-            log.warning("%s is damaged: %s. The rest was not read", self._path, why)
+            logger.warning("%s is damaged: %s. The rest was not read", self._path, why)
 
     def frames(self, messages: Iterable[bytes]) -> Iterator[Frame]:
         """The frames that can be decoded."""

@@ -39,7 +39,7 @@ from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
 from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 Found = TypeVar("Found")
 
 METADATA: Final = "metadata.yaml"
@@ -136,7 +136,7 @@ class RosbagSource(PacketSource):
             counts["damaged"] += 1
             if warn:
                 text = "%s: %s announces %d messages of %s, but %d were found"
-                log.warning(text, self.path, METADATA, announced, self.topic, number)
+                logger.warning(text, self.path, METADATA, announced, self.topic, number)
 
 
 def is_rosbag(path: Path) -> bool:

@@ -23,7 +23,7 @@ from lidarcodec.files.regular import open_regular
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.sources.magic import SQLITE_MAGIC
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 MAX_TOPICS: Final = 4096
 MAX_MESSAGES: Final = 4_000_000
@@ -137,7 +137,7 @@ class _Lost:
         self._counts["damaged"] += 1
         if self._warns:
             self._warns = False
-            log.warning("%s is damaged, and a part of it was skipped: %s", self._path, why)
+            logger.warning("%s is damaged, and a part of it was skipped: %s", self._path, why)
 
 
 def _not_read(path: Path) -> str | None:

@@ -20,7 +20,7 @@ from lidarcodec.errors import CalibrationError
 from lidarcodec.sensors.capture_names import is_file, stem_of
 from lidarcodec.sensors.models.ouster.metadata import OusterMetadata, read_metadata
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 MAX_OTHERS: Final = 64
 """Most other files that are opened."""
@@ -38,11 +38,11 @@ def metadata_beside(capture: Path, payloads: Sequence[bytes]) -> Path | None:
         read = _read(own)
         if read is not None and fits(read, payloads):
             return own
-        log.warning("%s is not used, because it is not the metadata of the Ouster that sent %s", own, capture)
+        logger.warning("%s is not used, because it is not the metadata of the Ouster that sent %s", own, capture)
     for paths in _like(capture.parent, name, own):
         fitting = [path for path in paths if (read := _read(path)) is not None and fits(read, payloads)]
         if len(fitting) > 1:
-            log.warning(
+            logger.warning(
                 "%s are not used, because each could be the metadata of %s: give one with --calibration",
                 ", ".join(map(str, fitting)),
                 capture,
@@ -95,5 +95,5 @@ def _read(path: Path) -> OusterMetadata | None:
     try:
         return read_metadata(read_file(path, "calibration"))
     except (OSError, FileTooLargeError, CalibrationError) as error:
-        log.debug("%s: %s", path, error)
+        logger.debug("%s: %s", path, error)
         return None
