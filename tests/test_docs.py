@@ -58,7 +58,7 @@ def test_every_setting_has_its_heading_and_no_other():
     assert not found - fields, f"docs/settings.md has sections of no setting: {sorted(found - fields)}"
 
 
-def test_the_largest_value_of_every_setting_is_said():
+def test_the_largest_value_of_every_setting_is_reported():
     text = (DOCS / "settings.md").read_text()
     for name, field in StreamSettings.model_fields.items():
         section = text.partition(f"\n### {name}\n")[2].partition("\n### ")[0]

@@ -68,7 +68,7 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     assert json.loads(run_here("verify", recording, capture, "--json").stdout)["packets_identical"] is True
 
 
-def test_a_stream_that_is_not_there_is_said_and_waited_for_and_a_loop_goes_on(capture, endpoint, subscriber):
+def test_a_stream_that_is_not_there_is_reported_and_waited_for_and_a_loop_goes_on(capture, endpoint, subscriber):
     receiving = subscriber("--frames", "20")
     said = receiving.stderr.readline()
     assert "nobody publishes car/roof yet; waiting" in said
@@ -257,7 +257,7 @@ def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ende
     assert found == [packet.payload for packet in packets] * 2
 
 
-def test_what_is_published_and_whether_it_leaves_this_machine_is_said(monkeypatch):
+def test_what_is_published_and_whether_it_leaves_this_machine_is_reported(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):
             return True

@@ -79,7 +79,7 @@ def test_frames_left_out_make_it_take_a_smaller_share():
 
 
 @pytest.mark.parametrize("target", ["auto", 800])
-def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog, target):
+def test_a_path_that_stands_still_is_reported_once_and_so_is_its_end(caplog, target):
     _, adapting, send = path(8000.0)
     encoder = StreamEncoder(StreamSettings(target_kbps=target))
     with caplog.at_level(logging.INFO, "lidarcodec.apps.publisher.adapting"):

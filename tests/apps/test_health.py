@@ -39,7 +39,7 @@ def told(**sensor):
         (told(gate=False), 101.0, "car/roof: the gate in front of the TLS port does not run"),
     ],
 )
-def test_what_is_wrong_is_said_with_the_stream_that_it_is_wrong_with(says, now_s, complaint):
+def test_what_is_wrong_is_reported_with_the_stream_that_it_is_wrong_with(says, now_s, complaint):
     found = complaints(says, now_s)
     assert (found == []) if complaint is None else (complaint in found[0])
 
@@ -118,7 +118,7 @@ def test_a_publisher_is_well_while_it_publishes_and_not_when_it_stands_still(tmp
     assert "is `lidarcodec publish" in the_one_line(gone)
 
 
-def test_a_place_that_cannot_be_written_is_said_before_anything_is_published(tmp_path):
+def test_a_place_that_cannot_be_written_is_reported_before_anything_is_published(tmp_path):
     result = run_here("publish", "sim:city", "--health-file", tmp_path / "no" / "health.json")
     assert result.returncode == 2
     assert "cannot write" in the_one_line(result)

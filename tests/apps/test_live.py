@@ -315,7 +315,7 @@ def test_a_vehicle_without_a_network_records_and_ends_when_told(tmp_path):
 @pytest.mark.parametrize(
     "make", [lambda where: Publisher(Loop(), endpoints=where), lambda where: LiveStream(KEY, endpoints=where)]
 )
-def test_endpoints_that_cannot_be_used_are_said_at_the_start(make):
+def test_endpoints_that_cannot_be_used_are_reported_at_the_start(make):
     before = set(threading.enumerate())
     with pytest.raises(TransportError):
         make(Endpoints.of(listen="tcp/192.0.2.1:7447")).__enter__()

@@ -135,7 +135,7 @@ def test_what_still_waits_for_the_disk_at_the_end_is_an_error(tmp_path, monkeypa
     check_recorded({"car/roof": recorder.state()})
 
 
-def test_a_folder_that_cannot_be_written_is_said_in_the_status_and_the_stream_goes_on(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported_in_the_status_and_the_stream_goes_on(tmp_path):
     (tmp_path / "file").write_text("in the way")
     network = MemoryNetwork()
     with (

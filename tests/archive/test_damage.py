@@ -37,7 +37,7 @@ def test_repair_keeps_what_a_commit_that_cannot_be_read_stands_for(inputs, fille
     assert objects(filled) == before
 
 
-def test_what_is_broken_is_said_at_each_run(inputs, filled):
+def test_what_is_broken_is_reported_at_each_run(inputs, filled):
     recording = next((filled / "recordings").rglob("*.mcap"))
     recording.write_bytes(recording.read_bytes()[:-100])
     for _ in range(2):

@@ -191,7 +191,7 @@ def test_no_map_is_made_without_drives_that_were_replaced_meanwhile(filled, monk
     assert "changed while they were listed" in plan.remarks()[0]
 
 
-def test_squares_beyond_the_limit_are_said(filled, monkeypatch):
+def test_squares_beyond_the_limit_are_reported(filled, monkeypatch):
     monkeypatch.setattr("lidarcodec.archive.squares.MAX_SQUARES", 0)
     plan = MapPlan(FolderStore(filled), FolderStore(filled))
     assert list(plan.tasks()) == []

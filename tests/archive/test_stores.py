@@ -50,7 +50,7 @@ def test_a_listing_is_in_the_order_of_object_stores(store):
     assert list(store.entries("nothing/")) == []
 
 
-def test_what_is_not_there_is_said_and_deleting_it_is_no_error(store, tmp_path):
+def test_what_is_not_there_is_reported_and_deleting_it_is_no_error(store, tmp_path):
     store.create("x", b"1")
     for _ in range(2):
         store.delete("x")

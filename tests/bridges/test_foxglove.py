@@ -233,7 +233,7 @@ def test_several_streams_are_told_apart_and_leave_when_it_ends(network):
     bridge.close()
 
 
-def test_a_port_that_is_taken_is_said(network):
+def test_a_port_that_is_taken_is_reported(network):
     with FoxgloveBridge(["a/b"], port=0, transport=network()) as first:
         second = FoxgloveBridge(["a/b"], port=first.port, transport=network())
         with pytest.raises(
@@ -260,6 +260,6 @@ def test_the_command_serves_until_a_signal():
     assert json.loads(said)["clouds"] >= 2
 
 
-def test_what_cannot_be_is_said_at_once():
+def test_what_cannot_be_is_reported_at_once():
     refused = run_here("bridge", "foxglove", "a/b", "a/b")
     assert (refused.returncode, "named twice" in refused.stderr) == (2, True)

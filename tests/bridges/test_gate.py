@@ -215,7 +215,7 @@ def test_room_for_viewers_is_counted_in_bytes(network, monkeypatch):
         eventually(lambda: bridge.gate.counts["ended"] == 4 - bridges.LEAST_VIEWERS, LIMIT_S)
 
 
-def test_a_name_that_is_none_is_said():
+def test_a_name_that_is_none_is_reported():
     from lidarcodec.errors import TransportError
 
     with pytest.raises(TransportError, match=r"cannot listen on no-such-host\.invalid:0: this host does not exist"):

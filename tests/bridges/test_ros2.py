@@ -307,7 +307,7 @@ def test_the_command_says_where_it_looks_for_ros_and_ends_without_having_found_i
         (["a/b", "--ros-connect", "nowhere"], "not an endpoint"),
     ],
 )
-def test_what_cannot_be_is_said_at_once(words, said):
+def test_what_cannot_be_is_reported_at_once(words, said):
     refused = run_here("bridge", "ros2", *words)
     assert (refused.returncode, said in refused.stderr) == (2, True), refused.stderr
 

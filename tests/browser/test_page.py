@@ -54,7 +54,7 @@ def test_points_of_the_vehicle_arrive_and_the_title_counts_them(page):
 
 
 @pytest.mark.sweep
-def test_a_generic_calibration_and_streams_without_room_are_said(fleet, page):
+def test_a_generic_calibration_and_streams_without_room_are_reported(fleet, page):
     def with_note(route):
         told = route.fetch().json()
         told["status"]["sensor_model"]["note"] = "generic calibration: clouds can be off"
@@ -128,7 +128,7 @@ def test_the_page_decodes_and_draws_another_sensor_as_the_server_shows_it(fleet,
 
 
 @pytest.mark.sweep
-def test_a_target_that_pinned_settings_keep_out_of_reach_is_said_in_red_over_the_picture(fleet, page):
+def test_a_target_that_pinned_settings_keep_out_of_reach_is_reported_in_red_over_the_picture(fleet, page):
     """A viewer who did not set anything has to see it, too: two frames a second look like a bad line."""
     banner = page.get_by_role("region", name="Target bitrate")
     expect(banner).not_to_be_attached()
@@ -175,7 +175,7 @@ def test_a_link_is_chosen_by_name_and_says_that_it_is_nothing_but_three_settings
     fleet.change(SETTINGS, codec="pcodec", target_kbps=None)
 
 
-def test_what_the_server_refuses_is_said_where_it_was_written(fleet, page):
+def test_what_the_server_refuses_is_reported_where_it_was_written(fleet, page):
     before = fleet.get(SETTINGS)["applied"]
     page.get_by_label("Target (kbit/s)").fill("0.5")
     page.get_by_role("button", name="Apply").click()

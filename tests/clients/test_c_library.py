@@ -259,7 +259,7 @@ def test_a_program_decodes_a_recording(
         )
 
 
-def test_what_a_program_does_not_understand_is_said(programs: Path, tmp_path: Path) -> None:
+def test_what_a_program_does_not_understand_is_reported(programs: Path, tmp_path: Path) -> None:
     """An option that is misspelt is no folder, and a bag of something else is no recording of no frames."""
     program, empty = programs / "decode_recording", tmp_path / "empty.mcap"
     _record(empty, [], "none")

@@ -49,7 +49,7 @@ def test_a_live_stream_becomes_points(endpoint):
 
 
 @pytest.mark.parametrize("words", [["to_pcap.py", "live.pcap", "car"], ["to_cloud.py", "car"]])
-def test_what_cannot_be_is_said_in_a_line(words, tmp_path):
+def test_what_cannot_be_is_reported_in_a_line(words, tmp_path):
     command = [sys.executable, str(CLIENTS / words[0]), *words[1:]]
     refused = subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=60, cwd=tmp_path, env=environment()

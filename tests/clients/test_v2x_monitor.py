@@ -242,7 +242,7 @@ def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--connect", "nowhere"], 1, "'nowhere' is not an endpoint"),
     ],
 )
-def test_what_cannot_be_is_said_at_once_in_a_line(words, code, said):
+def test_what_cannot_be_is_reported_at_once_in_a_line(words, code, said):
     command = [sys.executable, str(MONITOR), *words]
     refused = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=60, check=False)
     assert refused.returncode == code, refused.stderr

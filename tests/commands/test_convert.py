@@ -226,7 +226,7 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
         (["out.mcap", "--set", "max_error_m=-1"], "max_error_m"),
     ],
 )
-def test_what_cannot_be_is_said_before_anything_is_read(tmp_path, capture, words, said):
+def test_what_cannot_be_is_reported_before_anything_is_read(tmp_path, capture, words, said):
     before = set(tmp_path.iterdir())
     refused = convert(capture, tmp_path / words[0], *words[1:])
     assert refused.returncode == 2

@@ -118,7 +118,7 @@ def test_recorded_packets_are_cut_by_time(drive, tmp_path):
         (["drive.mcap", "drive.mcap", "--from", "1", "--force"], 2, "another name"),
     ],
 )
-def test_what_cannot_be_cut_is_said_and_nothing_is_written(drive, tmp_path, words, code, says):
+def test_what_cannot_be_cut_is_reported_and_nothing_is_written(drive, tmp_path, words, code, says):
     source, out = drive / words[0], (drive if words[1] == "drive.mcap" else tmp_path) / words[1]
     before = (drive / "drive.mcap").read_bytes()
     result = run_here("cut", source, out, *words[2:])

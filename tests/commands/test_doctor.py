@@ -25,7 +25,7 @@ def test_a_line_for_each_check_and_below_them_the_facts():
     assert "hypothesis" not in result.stdout  # a package of developers
 
 
-def test_what_is_wrong_in_the_environment_is_said_with_what_to_do_and_code_1():
+def test_what_is_wrong_in_the_environment_is_reported_with_what_to_do_and_code_1():
     result = run("doctor", "--json", LIDARCODEC_PUBLISH_CODEC="mp3", LIDARCODEC_PUBLSH_SET="intensity=off")
     found = json.loads(result.stdout)
     assert result.returncode == 1

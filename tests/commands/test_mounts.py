@@ -87,7 +87,7 @@ def test_a_file_that_is_wrong_is_refused_with_the_sensor(tmp_path, text, said):
         (("--poses-of", "car"), "write sensor or vehicle"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_line(tmp_path, words, said):
+def test_what_cannot_be_is_reported_in_a_line(tmp_path, words, said):
     for name in ("encode", "convert"):
         result = run_here(name, "sim:street?frames=1", tmp_path / "a.mcap", *words)
         assert result.returncode == 2

@@ -85,7 +85,7 @@ def test_a_recording_keeps_the_names_of_its_source(tmp_path, recording, query, c
     assert (metadata["vehicle"], metadata["sensor"]) == ("car-7", "roof")
 
 
-def test_frames_that_have_no_points_are_said(tmp_path, capture, caplog):
+def test_frames_that_have_no_points_are_reported(tmp_path, capture, caplog):
     with pytest.raises(SourceError, match="has no frame that can be passed on"):
         piped(capture, tmp_path / "out", "points", model="packets")
     assert (tmp_path / "out").read_bytes() == b""
@@ -123,7 +123,7 @@ def test_points_are_those_of_the_frames(tmp_path, recording, capfd):
         (b"\xd4\xc3\xb2\xa1" + bytes(40), "holds no sensor packets"),
     ],
 )
-def test_what_is_no_input_is_said(tmp_path, data, said):
+def test_what_is_no_input_is_reported(tmp_path, data, said):
     (tmp_path / "in").write_bytes(data)
     with pytest.raises(SourceError, match=said):
         piped(tmp_path / "in", tmp_path / "out", "messages")
@@ -246,7 +246,7 @@ def test_frames_are_counted_where_messages_are_passed_on(tmp_path, recording):
     assert messages_in(tmp_path / "four") == messages_in(group)
 
 
-def test_wrong_usage_is_said_at_once(capture):
+def test_wrong_usage_is_reported_at_once(capture):
     for words, said in (
         (["--to", "las"], "unknown format"),
         (["--to", "points", "--codec", "zstd"], "leave them out for points"),
@@ -271,7 +271,7 @@ def test_a_closed_standard_output_is_no_success(recording):
     os.close(nowhere)
 
 
-def test_a_reader_that_goes_away_is_said(recording):
+def test_a_reader_that_goes_away_is_reported(recording):
     read, write = os.pipe()
     os.close(read)
     with pytest.raises(SourceError, match="the reader of standard output went away after 0 frames"):

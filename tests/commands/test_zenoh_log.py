@@ -44,7 +44,7 @@ def refused_publisher(tmp_path, **variables) -> list[str]:
 
 
 @pytest.mark.timeout(240)
-def test_connections_that_are_refused_are_said_once_and_counted(tmp_path):
+def test_connections_that_are_refused_are_reported_once_and_counted(tmp_path):
     pytest.importorskip("cryptography")
     lines = [line for line in refused_publisher(tmp_path) if REFUSED in line]
     assert len(lines) == 2, lines

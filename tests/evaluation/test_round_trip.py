@@ -174,7 +174,7 @@ def test_encode_keeps_nothing_that_does_not_decode(command, codec, spoilt, told,
 compress = pcodec.compress_groups
 
 
-def test_what_a_lossy_recording_lost_is_said_where_it_is_written(tmp_path, capsys, caplog):
+def test_what_a_lossy_recording_lost_is_reported_where_it_is_written(tmp_path, capsys, caplog):
     """A user who deletes the original would have to ask for it first."""
     assert run(["encode", "sim:road?frames=2", str(tmp_path / "all.mcap")]) == 0
     assert capsys.readouterr().out.rstrip().endswith("all decoded again and compared")

@@ -31,7 +31,7 @@ def test_a_disk_that_fails_leaves_no_output_or_a_whole_one(name: str) -> None:
 @pytest.mark.sweep
 @pytest.mark.parametrize("name", ["encode", "convert to a recording"])
 @pytest.mark.parametrize("kind", [shim.Kind.CORE, shim.Kind.LARGE])
-def test_memory_that_is_short_is_said_in_a_line(name: str, kind: shim.Kind) -> None:
+def test_memory_that_is_short_is_reported_in_a_line(name: str, kind: shim.Kind) -> None:
     (found,) = swept(name, kind, at_most=12 if ALL else 6)
     assert not found["wrong"]
     assert found["codes"].get("1", 0) > 0

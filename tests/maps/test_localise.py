@@ -219,7 +219,7 @@ def test_a_start_outside_of_the_map_is_refused(map_file):
         assert localiser.searches == 0
 
 
-def test_only_tiles_around_are_read_and_damaged_ones_are_said_and_left_out(tmp_path, caplog, monkeypatch):
+def test_only_tiles_around_are_read_and_damaged_ones_are_reported_and_left_out(tmp_path, caplog, monkeypatch):
     count = 40
     places = np.stack([np.arange(count) * 50 + 25, np.zeros(count), np.zeros(count)], axis=1)
     steps = np.rint((places[:, None] + RANDOM.uniform(-20, 20, (count, 60, 3))).reshape(-1, 3) / 0.02).astype(np.int64)

@@ -134,7 +134,7 @@ def test_a_segment_is_played_held_and_stopped_and_the_audit_log_says_so(there):
     assert client.post(f"{ALL}/{'0' * 24}/play").status_code == 404
 
 
-def test_away_and_damaged_archives_are_said_without_their_address(made, tmp_path):
+def test_away_and_damaged_archives_are_reported_without_their_address(made, tmp_path):
     folder = Path(shutil.copytree(made, tmp_path / "out"))
     with running(tmp_path, archive=str(folder)) as server, httpx.Client(base_url=server.url, timeout=30) as client:
         new, old = listed(client)

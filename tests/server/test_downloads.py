@@ -56,7 +56,7 @@ def test_a_download_that_was_cut_goes_on_where_it_was(there):
 
 
 @pytest.mark.parametrize("name", ["20260101T000000Z-abcdef", "..%2f..%2fetc%2fpasswd", "x"])
-def test_what_is_not_there_is_said(there, name):
+def test_what_is_not_there_is_reported(there, name):
     _, client, _, _ = there
     answer = client.get(f"{ALL}/{name}/download")
     assert answer.status_code == 404

@@ -219,7 +219,7 @@ def test_what_cannot_be_served_is_wrong_usage_and_said(database, values, said):
         serve.run(([], [], None), **({"port": 0, "database_url": database} | values))
 
 
-def test_a_port_that_is_taken_is_said(database):
+def test_a_port_that_is_taken_is_reported(database):
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
         pytest.raises(TransportError, match="cannot listen on"),

@@ -233,12 +233,12 @@ def test_a_schema_of_a_newer_version_is_refused_and_not_touched(url, store):
 
 
 @pytest.mark.parametrize("url_", ["nonsense", "nodb://x/y", "mysql+nosuchdriver://x/y", ""])
-def test_what_is_no_database_url_is_said(url_):
+def test_what_is_no_database_url_is_reported(url_):
     with pytest.raises(SettingsError):
         Store(url_)
 
 
-def test_a_database_that_cannot_be_reached_is_said_without_the_password():
+def test_a_database_that_cannot_be_reached_is_reported_without_the_password():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         store = Store(f"postgresql://ada:swordfish@127.0.0.1:{probe.getsockname()[1]}/fleet")
@@ -249,7 +249,7 @@ def test_a_database_that_cannot_be_reached_is_said_without_the_password():
     store.close()
 
 
-def test_a_folder_that_is_not_there_is_made_and_one_that_cannot_be_is_said(tmp_path):
+def test_a_folder_that_is_not_there_is_made_and_one_that_cannot_be_is_reported(tmp_path):
     store = Store(f"sqlite:///{tmp_path / 'a' / 'b' / 'server.db'}")
     store.open()
     store.close()

@@ -338,7 +338,7 @@ def test_a_receiver_without_a_socket_or_a_ring_is_refused():
         _native.UdpReceiver(987_654, 100)
 
 
-def test_a_wrong_model_is_said_once(caplog):
+def test_a_wrong_model_is_reported_once(caplog):
     with open_source("udp://127.0.0.1:0?wait=0&model=vlp16") as source, sending(source) as send:
         send(*PAYLOADS[:200])
         assert len(take(source, 200)) == 200

@@ -259,7 +259,7 @@ def test_a_forged_packet_and_then_the_sensor_says_what_it_did(caplog):
     assert "fell silent. To keep to one sensor" in caplog.text
 
 
-def test_two_sensors_on_one_port_are_said_with_both_addresses_and_the_remedy(caplog):
+def test_two_sensors_on_one_port_are_reported_with_both_addresses_and_the_remedy(caplog):
     with open_source("udp://0.0.0.0:0?wait=0&idle=0.3") as source:
         port = source.address[1]
         with Sender("127.0.0.2", port) as second, Sender("127.0.0.1", port) as first:

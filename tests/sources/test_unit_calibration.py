@@ -34,7 +34,7 @@ def capture(tmp_path):
     return path
 
 
-def test_a_capture_without_a_calibration_is_said_once_with_what_it_means(capture, caplog):
+def test_a_capture_without_a_calibration_is_reported_once_with_what_it_means(capture, caplog):
     for _ in range(3):
         open_source(capture).close()
     (record,) = caplog.records

@@ -87,7 +87,7 @@ def test_what_cannot_be_fetched_is_refused_at_once(tmp_path: Path, words: tuple[
     assert told in the_one_line(done)
 
 
-def test_nobody_there_is_said_while_it_is_waited_for(
+def test_nobody_there_is_reported_while_it_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Patience is ten minutes long, and a wrong name looks like a slow vehicle."""
