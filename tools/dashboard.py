@@ -48,13 +48,16 @@ def each(metric: str, legend: str = STREAM) -> list[dict[str, Any]]:
 
 def share(part: str) -> list[dict[str, Any]]:
     """Frames that were not sent, of all of them."""
-    lost, sent = rate(f"lidarcodec_{part}_frames_total"), rate("lidarcodec_frames_total")
-    return [target(f"{lost} / ({lost} + {sent})", STREAM)]
+    all_of_them = " + ".join(
+        rate(f"lidarcodec_{one}frames_total") for one in ("", "replaced_", "no_receiver_", "left_out_")
+    )
+    return [target(f"{rate(f'lidarcodec_{part}_frames_total')} / ({all_of_them})", STREAM)]
 
 
 def errors() -> list[dict[str, Any]]:
     """What went wrong, in the window."""
     names = ("decode_errors", "missing_references", "missing_frames", "encode_errors", "put_errors")
+    names += ("lost_packets", "kernel_drops", "queue_drops", "unrecorded_frames", "unkept_frames", "publisher_restarts")
     return [target(f"increase(lidarcodec_{one}_total{OF}[$__rate_interval])", f"{STREAM} {one}") for one in names]
 
 
@@ -137,6 +140,12 @@ PANELS = (
     ),
     graph("Decoded by receivers", "hertz", [target(rate("lidarcodec_received_frames_total"), STREAM)]),
     graph("Errors and losses", "none", errors()),
+    graph(
+        "Nothing is recorded or kept", "bool",
+        each("lidarcodec_stream_recording_stopped", STREAM + " recording")
+        + each("lidarcodec_stream_past_stopped", STREAM + " past"),
+        "Nearly always a full disk of the vehicle.",
+    ),
     row("Server"),
     graph("Requests", "reqps", [target(f"sum by (status) (rate({HTTP}s_total[$__rate_interval]))", "{{status}}")]),
     graph(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -79,11 +80,59 @@ def status(start, frames, **more):
     return {"stream_id": start, "frames": frames, **more}
 
 
-def test_counters_never_go_down():
+def begun():
+    """Totals of a stream that has sent nothing yet."""
     totals = Totals()
+    totals.status(status("a", 0))
+    return totals
+
+
+def test_what_was_before_the_server_started_is_no_increase_of_now():
+    """An error of last week, or the frames of a month, would else be told as those of this second."""
+    before = {"errors": {"encode errors": 3}, "reports": {"server": {"start": 5, "decode_errors": 9}}}
+    totals = Totals()
+    totals.status(status("a", 1_000_000, **before))
+    assert {name: totals[name] for name in ("frames", "encode errors", "received decode_errors", "restarts")} == {
+        "frames": 0, "encode errors": 0, "received decode_errors": 0, "restarts": 0
+    }  # fmt: skip
+    totals.status(status("a", 1_000_010, **before | {"errors": {"encode errors": 4}}))
+    assert (totals["frames"], totals["encode errors"], totals["received decode_errors"]) == (10, 1, 0)
+    totals.status(status("b", 7))
+    assert (totals["frames"], totals["restarts"]) == (17, 1)
+
+
+def test_a_full_disk_of_a_vehicle_and_packets_that_it_lost_are_told_to_prometheus():
+    fleet, keys = Fleet(), StreamKeys("car-7", "roof")
+    metrics = Metrics(fleet)
+    fleet.changed(keys, alive=True)
+
+    def told(**more):
+        fleet.told(keys, json.dumps(status("a", 1, **more)).encode())
+        metrics.told(keys)
+        text = metrics.text().decode()
+        gauges = ("recording_stopped", "past_stopped")
+        counters = ("lost_packets", "kernel_drops", "queue_drops", "unrecorded_frames", "unkept_frames")
+        return (
+            [value(text, f"lidarcodec_stream_{name}", **CAR) for name in gauges],
+            [value(text, f"lidarcodec_{name}_total", **CAR) for name in counters],
+        )
+
+    assert told(recording=None, past=None) == ([None, None], [0] * 5)
+    well, full = {"stopped": None, "counts": {}}, {"stopped": "No space left on device", "counts": {"dropped": 4}}
+    assert told(recording=well, past=well) == ([0, 0], [0] * 5)
+    source = {"lost packets": 7, "kernel drops": 5, "queue drops": 3}
+    assert told(recording=full, past=well | {"counts": {"not recorded": 2, "dropped": 6}}, source=source) == (
+        [1, 0], [7, 5, 3, 4, 8]
+    )  # fmt: skip
+    assert told(recording=well, past=full, source=source)[0] == [0, 1]
+
+
+def test_counters_never_go_down():
+    totals = begun()
     for given in (status("a", 10), status("a", 12), status("b", 2), status("a", 13), status("b", 5)):
         totals.status(given)
     assert totals["frames"] == 12 + 2 + 1 + 3
+    assert totals["restarts"] == 1
     reports = [{"frames": 5}, {"frames": 9}, {"frames": 1}]  # the receiver started again before the third
     for number, report in enumerate(reports):
         totals.status(status("b", 5, reports={"server": report}))
@@ -91,7 +140,7 @@ def test_counters_never_go_down():
 
 
 def test_two_servers_that_report_under_one_name_are_counted_once_each():
-    totals = Totals()
+    totals = begun()
     for frames in range(1, 6):
         for start in (71, 72):
             report = {"start": start, "frames": 100 * start + frames}
@@ -100,7 +149,7 @@ def test_two_servers_that_report_under_one_name_are_counted_once_each():
 
 
 def test_what_is_no_count_is_left_out():
-    totals = Totals()
+    totals = begun()
     timings = Timings()
     timings.add(3.0)
     good = timings.summary(buckets=True)

@@ -32,6 +32,12 @@ COUNTERS = {
     "left_out_frames": ("left_out", "Frames that were left out to keep the target bitrate."),
     "encode_errors": ("encode errors", "Frames that could not be encoded."),
     "put_errors": ("put errors", "Messages that could not be sent."),
+    "publisher_restarts": ("restarts", "Starts of the publisher after the first that the server knows of."),
+    "lost_packets": ("lost packets", "Packets of the sensor that are missing by its own clock."),
+    "kernel_drops": ("kernel drops", "Packets of the sensor that the vehicle's kernel dropped."),
+    "queue_drops": ("queue drops", "Packets of the sensor that the publisher dropped from a full queue."),
+    "unrecorded_frames": ("recording unstored", "Frames or batches of packets that the vehicle did not record."),
+    "unkept_frames": ("past unstored", "Frames that the vehicle did not keep."),
     "received_frames": ("received frames", "Frames decoded by all receivers together."),
     "missing_frames": (
         "received missing",
@@ -46,6 +52,10 @@ HISTOGRAMS = {
     "put": "Time to hand a message to the network.",
     "decode": "Time to decode a message, at receivers.",
     "latency": "From the host time of a frame's last packet to the decoded frame, at receivers.",
+}
+STOPPED = {
+    "recording": "1 while the vehicle does not record any more.",
+    "past": "1 while the vehicle does not keep any more.",
 }
 GAUGES = {"fps": "Frames sent a second.", "kbps": "Kilobits sent a second."}
 
@@ -122,6 +132,7 @@ class Metrics:
                     gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(value))
             yield gauge
         yield from _spent(streams)
+        yield from _stopped(streams)
         yield from _counted(streams, totals)
         ready = GaugeMetricFamily("lidarcodec_ready", "Whether a part of the server answers.", labels=["part"])
         for part, answers in self._ready().items():
@@ -156,6 +167,16 @@ def _spent(streams: list[Stream]) -> Iterator[Metric]:
         for labels, values in told:
             if name in values:
                 gauge.add_metric(labels, values[name])
+        yield gauge
+
+
+def _stopped(streams: list[Stream]) -> Iterator[Metric]:
+    for name, text in STOPPED.items():
+        gauge = GaugeMetricFamily(f"lidarcodec_stream_{name}_stopped", text, labels=LABELS)
+        for stream in streams:
+            state = (stream.status or {}).get(name)
+            if stream.alive and isinstance(state, dict):
+                gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(state.get("stopped") is not None))
         yield gauge
 
 

@@ -1,11 +1,13 @@
-"""Totals: counts of a stream since the server started. They survive restarts of its publisher and receivers.
+"""Totals: counts of a stream since the server saw it first. They survive restarts of its publisher and receivers.
 
-A publisher counts from zero at each start. The totals here only increase.
+A publisher counts from zero at each start. The totals here only increase. What the first status counts was before:
+else an error of last week would be one of now whenever the server starts.
 
 >>> totals = Totals()
->>> totals.take("one", {"frames": 10}); totals.take("one", {"frames": 12}); totals.take("two", {"frames": 3})
->>> totals["frames"]
-15.0
+>>> totals.status({"stream_id": "one", "frames": 10}); totals.status({"stream_id": "one", "frames": 12})
+>>> totals.status({"stream_id": "two", "frames": 3})
+>>> totals["frames"], totals["restarts"]
+(5.0, 1.0)
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ MAX_SENDERS = 32
 """Number of publisher starts and receivers, for each stream, with remembered counts."""
 SENT = ("frames", "messages", "bytes", "key_frames", "replaced", "no_receiver", "left_out")
 ERRORS = ("encode errors", "put errors")
+LOST = ("lost packets", "kernel drops", "queue drops")
+UNSTORED = ("dropped", "not recorded")
 RECEIVED = ("frames", "missing", "decode_errors", "missing_references")
 TIMES = {"encode": "encode_ms", "put": "put_ms"}
 RECEIVED_TIMES = {"decode": "decode", "latency": "latency"}
@@ -32,6 +36,7 @@ class Totals:
     def __init__(self) -> None:
         self._sums: dict[str, float] = {}
         self._last: OrderedDict[str, dict[str, float]] = OrderedDict()
+        self._begun = False
 
     def __getitem__(self, name: str) -> float:
         return self._sums.get(name, 0.0)
@@ -56,19 +61,31 @@ class Totals:
         return out, self[f"{name} sum"] / 1e3
 
     def status(self, status: dict[str, Any]) -> None:
-        """Add a publisher's status: its own counts, and those of receivers in it."""
+        """Add a publisher's status: its own counts, and those of receivers in it. The first one adds nothing."""
         start = status.get("stream_id")
         if not isinstance(start, str) or len(start) > 64:
             return
-        errors = status.get("errors")
-        counts = _counts(status, SENT) | _counts(errors if isinstance(errors, dict) else {}, ERRORS)
+        counts = _counts(status, SENT) | _counts(_record(status.get("errors")), ERRORS)
+        counts |= _counts(_record(status.get("source")), LOST)
+        for name in ("recording", "past"):
+            stored = _counts(_record(_record(status.get(name)).get("counts")), UNSTORED)
+            counts[f"{name} unstored"] = sum(stored.values())
         for name, field in TIMES.items():
             counts |= _times(name, status.get(field))
+        if self._begun and f"start {start}" not in self._last:
+            self._sums["restarts"] = self["restarts"] + 1
         self.take(f"start {start}", counts)
         reports = status.get("reports")
         for receiver, report in list(reports.items())[:16] if isinstance(reports, dict) else []:
             if isinstance(report, dict):
                 self.take(f"receiver {receiver[:64]} {report.get('start')}", _received(report))
+        if not self._begun:
+            self._begun = True
+            self._sums.clear()
+
+
+def _record(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def _received(report: dict[str, Any]) -> dict[str, float]:
