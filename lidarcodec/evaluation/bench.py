@@ -26,6 +26,7 @@ from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
 from lidarcodec.evaluation.metrics import IntensityErrors, RangeErrors, Sizes, times_ms
 from lidarcodec.evaluation.range_bands import RangeBands
+from lidarcodec.evaluation.turns import Turns
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -172,12 +173,16 @@ class _Run:
     zstd_bytes: int = 0
     points: int = 0
     hdl64e: bool = True
+    turns: Turns = field(init=False)
     identical: bool = True
     sizes: Sizes = field(default_factory=Sizes)
     errors: RangeErrors = field(default_factory=RangeErrors)
     encoding: _PerFrame = field(default_factory=_PerFrame)
     decoding: _PerFrame = field(default_factory=_PerFrame)
     waiting: dict[int, tuple[Frame, list[bytes]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.turns = Turns(self.encoder.settings.framing)
 
     def frame(self, frame: Frame, payloads: list[bytes]) -> None:
         """Encode, pack, unpack, decode and compare one frame."""
@@ -189,6 +194,7 @@ class _Run:
         if frame.sensor.is_cloud:
             self.zstd_bytes += sum(len(compress(payload, ZSTD_LEVEL)) for payload in payloads)
         self.hdl64e = frame.sensor.is_hdl64e
+        self.turns.add(frame, payloads)
         self.points += frame.points
         self._encode(partial(self._reduced_and_encoded, frame, payloads))
 
@@ -241,10 +247,10 @@ class _Run:
         return round(self.zstd_bytes * 8 / self.points, 6) if self.points else None
 
     def _kbps(self) -> float:
-        """kbit/s at ten turns a second. A turn is 348 packets of an HDL-64E, or one frame of another sensor."""
+        """kbit/s at ten turns a second. A turn is 348 packets of an HDL-64E; of another sensor it is as it turned."""
         if self.hdl64e:
             return kbps_at_10hz(self.sizes.total, self.packets)
-        return round(self.sizes.total * 8 / self.frames * FRAMES_AT_10HZ / 1000, 3)
+        return round(self.sizes.total * 8 / self.turns.count * FRAMES_AT_10HZ / 1000, 3)
 
     def _warm_up(self, frame: Frame) -> None:
         """Code one frame with a separate session. Libraries load at their first use, and this must not count as the

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import IO, Final, NamedTuple
 
+import numpy as np
+
 from lidarcodec.evaluation.losses import Losses
 from lidarcodec.evaluation.round_trip import RoundTrip, check_refined
 from lidarcodec.frame import Frame
@@ -48,6 +50,8 @@ class Named(NamedTuple):
 
 
 UNNAMED: Final = Named()
+LONGEST_STEP_NS: Final = 1_000_000_000
+"""A longer time between two packets, or frames, is a pause of the drive, or a clock that was set."""
 
 
 class CodedRecording:
@@ -57,7 +61,7 @@ class CodedRecording:
 
     frames, packets, positions: numbers of frames, packets and position packets so far
     payload_bytes: size of the packets;  left_out: frames skipped to keep the target bitrate
-    seconds: duration of all frames
+    seconds: duration of all frames, without pauses between them
     coded: bytes of the messages, refinements included;  refinement_bytes: of the refinements alone
     clouds: whether points are written
     """
@@ -83,7 +87,7 @@ class CodedRecording:
         self._base: tuple[Message, list[Frame]]
         self.seconds = 0.0
         self._aside = ""
-        self._begin_ns: int | None = None
+        self._last: tuple[int, float] | None = None
 
     def write(self, frame: Frame) -> None:
         """Encode one frame."""
@@ -107,9 +111,15 @@ class CodedRecording:
     def _seconds_of(self, frame: Frame) -> None:
         if frame.sensor.is_hdl64e:
             self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
-        elif frame.side is not None:  # the number of packets in a turn depends on the sensor
-            self._begin_ns = frame.stamp_ns if self._begin_ns is None else self._begin_ns
-            self.seconds = (frame.stamp_ns - self._begin_ns + int(frame.side.packet_ns[-1])) * 1e-9
+            return
+        steps = np.diff(frame.side.packet_ns) if frame.side is not None else np.zeros(0, np.int64)
+        own_s = float(steps[(steps > 0) & (steps <= LONGEST_STEP_NS)].sum()) * 1e-9
+        if self._last is not None:  # until here the last frame had only the time between its own packets
+            last_ns, last_s = self._last
+            step = frame.stamp_ns - last_ns
+            self.seconds += step * 1e-9 - last_s if 0 < step <= LONGEST_STEP_NS else 0.0
+        self.seconds += own_s
+        self._last = frame.stamp_ns, own_s
 
     def close(self) -> None:
         """End the recording, not the file."""
