@@ -26,6 +26,7 @@ class RefinedFrame:
     """Refinements in any order, each at most once, on the frame of a base.
 
     sectors: all that the frame has; taken: those that were refined
+    coded_bytes: of the refinements in a recording, as far as its reader counted them
     """
 
     def __init__(self, base: Frame, message: Message) -> None:
@@ -43,6 +44,7 @@ class RefinedFrame:
         self._exact_intensity: Final = _has_exact_intensity(message)
         self.sectors: Final = frozenset(nearest_ahead(base.azimuth))
         self.taken: set[int] = set()
+        self.coded_bytes = 0
         self._ranges, self._intensity = base.range_u16.copy(), base.intensity.copy()
         self._step = 1
         self._with_intensity: set[int] = set()

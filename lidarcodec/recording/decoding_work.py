@@ -97,7 +97,8 @@ def _refined(
         return base
     for data in parts:
         try:
-            found.add(unpack_refinement(data))
+            if found.add(unpack_refinement(data)):
+                found.coded_bytes += len(data)
         except DecodeError as error:
             failed(error)
     refined(found)

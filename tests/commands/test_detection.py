@@ -56,3 +56,18 @@ def test_labels_that_are_all_of_other_frames_are_noticed(tmp_path):
     ran = run_here(*words, "--first-label", "3", "--codec", "zstd", "--json")
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)[0]["labels"] == "labels"
+
+
+def test_a_recording_of_two_layers_costs_both(tmp_path):
+    """Its frames are scored as they are refined: for the bits of the base alone that would be a bargain."""
+    recording = tmp_path / "street.mcap"
+    words = ("--codec", "predictive", "--set", "base_error_m=0.2", "--json")
+    coded = run_here("encode", SOURCE, str(recording), *words)
+    assert coded.returncode == 0, coded.stderr
+    size = json.loads(coded.stdout)
+    ran = run_here("evaluate", "detection", SOURCE, "--recording", str(recording), "--detector", "none", "--json")
+    assert ran.returncode == 0, ran.stderr
+    _, recorded = json.loads(ran.stdout)
+    assert recorded["ground_iou"] == 1
+    assert size["refinement_bytes"] > 0
+    assert recorded["bytes_per_frame"] == size["coded_bytes"]

@@ -169,6 +169,8 @@ class Detection:
             if recorded.message is not None and recorded.message is not message:
                 message = recorded.message
                 sent.bytes += len(pack(message))
+                if recorded.refined is not None:
+                    sent.bytes += recorded.refined.coded_bytes
             self.tick()
         if not sent.tallies:
             raise SourceError(
