@@ -1,7 +1,7 @@
 // The ground of the town: carriageway with a crown, kerbs, pavement, yards, closed streets; and where a beam hits it.
 //
 // Distances to the kerb and heights are on a grid of 0.5 m, in a cache of tiles of 32 m. Memory is bounded, however far
-// the car drives.
+// the car drives. A cell is computed when it is first asked for: beams and what stands in the town touch one in twenty.
 #pragma once
 #include <array>
 #include <memory>
@@ -29,8 +29,14 @@ class TownGround {
   static constexpr double kTile = kCells * kStep;
   static constexpr int kCache = 16;
 
+  // The two streets of a family that a tile can lie between, and which of their stretches are open.
+  struct Pair {
+    Street low, high;
+    bool open_low[3] = {}, open_high[3] = {};
+    std::int64_t first = 0;
+  };
   struct Sample {
-    float kerb;    // distance to the kerb: negative on the carriageway
+    float kerb;    // distance to the kerb: negative on the carriageway; NaN: not computed yet
     float height;  // of the land
   };
   struct Across {
@@ -38,12 +44,16 @@ class TownGround {
   };
   struct Tile {
     std::int64_t tx = 0, ty = 0;
-    Street along_y, along_x;
+    Pair v, h;  // along y, along x
+    bool near_high_v = false, near_high_h = false;
+    Street along_y, along_x;  // the nearest to its middle
+    std::array<BlockStyle, 9> styles{};
     double x0 = 0, y0 = 0;
     std::vector<Sample> samples;      // (kCells + 1)^2
     std::vector<Across> across;       // likewise
-    std::vector<std::uint8_t> cover;  // kCells^2, a Material
+    std::vector<std::uint8_t> cover;  // kCells^2, a Material, or kUnknown: the cell was not computed yet
   };
+  static constexpr std::uint8_t kUnknown = 255;
   struct Spot {
     double kerb, height;
   };
@@ -62,6 +72,7 @@ class TownGround {
     int ix = static_cast<int>(gx), iy = static_cast<int>(gy);
     if (ix >= kCells) ix = kCells - 1;
     if (iy >= kCells) iy = kCells - 1;
+    if (last_->cover[static_cast<std::size_t>(iy * kCells + ix)] == kUnknown) make_cell(*last_, ix, iy);
     return {last_, iy * (kCells + 1) + ix, iy * kCells + ix, gx - ix, gy - iy};
   }
   static double blend(double a, double b, double c, double d, const Place& at) {
@@ -75,8 +86,11 @@ class TownGround {
             blend(s[0].height, s[1].height, s[kCells + 1].height, s[kCells + 2].height, at)};
   }
 
-  const Tile& tile_at(double x, double y);
-  void make(Tile& tile) const;
+  Tile& tile_at(double x, double y);
+  Pair pair_of(bool along_y, double at, std::int64_t other) const;
+  void begin(Tile& tile) const;
+  void make_cell(Tile& tile, int ix, int iy) const;
+  std::uint8_t make_corner(Tile& tile, int ix, int iy) const;
   static double pavement_z(const Spot& s) { return s.height + kKerb + 0.02 * clamp_to(s.kerb, 0.0, 3.0); }
   static double road_z(const Spot& s) { return s.height + 0.02 * clamp_to(-s.kerb, 0.0, 3.5); }
   void shade(const Ray& ray, double t, bool road, Hit& hit);
@@ -84,7 +98,7 @@ class TownGround {
 
   const Town& town_;
   std::array<std::unique_ptr<Tile>, static_cast<std::size_t>(kCache) * kCache> tiles_;
-  const Tile* last_ = nullptr;
+  Tile* last_ = nullptr;
 };
 
 }  // namespace lidarcodec::sim
