@@ -2,13 +2,15 @@
 
 A command of the command line imports for half a second of processor time, and most tests of one let it work for less.
 So the first of them in a process of tests starts another one, which imports what commands need and then forks for each
-program that is asked for: the same code in a process of its own, as `python -m` starts it, but without the imports. It
-has one thread only. It ends with the process of the tests, and the programs with it, however that one ended. What
-depends on the start itself, or on what is imported, is to be tested with `subprocess`.
+program that is asked for: the same code in a process of its own, as `python -m` starts it, but without the imports, and
+without freeing them at the end. It has one thread only. It ends with the process of the tests, and the programs with
+it, however that one ended. What depends on the start itself, on what is imported, or on how Python frees it, is to be
+tested with `subprocess`.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import gc
@@ -270,7 +272,26 @@ def main() -> None:
     sys.argv[1:] = words
     from runpy import run_module
 
-    run_module(module, run_name="__main__", alter_sys=True)
+    try:
+        run_module(module, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        if not isinstance(end.code, int | None):
+            raise
+        _end(end.code or 0)
+    _end(0)
+
+
+def _end(code: int) -> None:
+    """End as Python does, but free nothing.
+
+    What was imported is shared with the process that this one was forked from. To free it is to copy it page by page,
+    which takes longer than the work of most commands.
+    """
+    threading._shutdown()
+    atexit._run_exitfuncs()
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.flush()
+    os._exit(code & 0xFF)
 
 
 if __name__ == "__main__":
