@@ -51,10 +51,10 @@ def empty_records(folder):
     return path
 
 
-def many_points(folder):
-    """A map whose first tile says that it has four million points, in 1 MiB of zeros; all checksums are right."""
+def many_points(folder, count):
+    """A map whose first tile says that it has so many points, in 1 MiB of zeros; all checksums are right."""
     tile = bytearray()
-    for number in (0, 0, 0, 4_000_000, 8, 10, 3, 0):
+    for number in (0, 0, 0, count, 8, 10, 3, 0):
         put_varint(tile, number)
     tile += bytes(MIB - len(tile))
     checked = crc32c(bytes(tile)).to_bytes(4, "little") + bytes(tile)
@@ -63,7 +63,7 @@ def many_points(folder):
         put_varint(index, number)
     path_at = HEAD_BYTES + len(checked)
     head = HEAD.pack(
-        MAGIC, 1, 0, 0, 0, 20_000, 2500, 0, False, 0.0, 0.0, 0.0, 1.0, path_at, 0, path_at + 4, 1, 4_000_000, 0,
+        MAGIC, 1, 0, 0, 0, 20_000, 2500, 0, False, 0.0, 0.0, 0.0, 1.0, path_at, 0, path_at + 4, 1, count, 0,
         *[0] * 16,
     )  # fmt: skip
     parts = [head, b"", bytes(index)]
@@ -312,7 +312,8 @@ BOMBS = {
     ),
     "weights, arrays": ("weights", lambda f: npz(f, (MIB,), 8 * MIB, "about"), read_point_net),
     "weights, detector": ("weights", lambda f: npz(f, (MIB,), 8 * MIB, "about"), read_network),
-    "map, many points": ("map", many_points, read_map),
+    "map, points": ("map", lambda f: many_points(f, 500_000), read_map),
+    "map, many points": ("map", lambda f: many_points(f, 4_000_000), read_map),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
     "config, no end": ("config", endless, read_config),
     "zenoh, depth": ("zenoh", lambda f: text(f, "z.json5", "[" * 400_000), options_in),

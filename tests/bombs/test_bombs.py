@@ -34,7 +34,7 @@ OWN_FILES = {
 
 DEAR = (
     *("mcap, records", "rosbag1, empty records", "checkpoint, bytes by a number"),
-    *("compressed, empty records", "compressed, empty blocks"),
+    *("compressed, empty records", "compressed, empty blocks", "map, many points"),
 )
 """More than half of the time of all, each beside another one of its kind."""
 

@@ -12,6 +12,7 @@ import httpx
 
 from tests import asking, forks
 from tests.command_line import COMMAND, environment, run_here
+from tests.drives import simulated
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -64,11 +65,10 @@ class System:
             self._vehicles[name] = self._start("publish", source, *loop, "--vehicle", name, *rate, "--original", *more)
 
     def _drive(self, source: str) -> list[str]:
-        """A file of a drive, made once, and to begin again at its end: to simulate is half of a vehicle's work."""
+        """A file of a drive, and to begin again at its end: to simulate is half of a vehicle's work."""
         path = self.folder / "drive.pcap"
         if not path.exists():
-            made = run_here("simulate", f"{source}?frames={DRIVE_FRAMES}", path)
-            assert made.returncode == 0, made.stderr
+            simulated(f"{source}?frames={DRIVE_FRAMES}", path)
         return [str(path), "--loop"]
 
     def start_sensors(self, name: str, sensors: str) -> None:

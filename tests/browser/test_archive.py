@@ -9,6 +9,7 @@ import pytest
 from tests.browser.system import LIMIT_S, system
 from tests.browser.test_page import AXE
 from tests.command_line import run_here
+from tests.drives import simulated
 
 pytest.importorskip("duckdb", reason="needs the extra archive")
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
@@ -23,7 +24,7 @@ def archived(browser, tmp_path_factory):
     folder = tmp_path_factory.mktemp("archived")
     (folder / "in" / "car-7" / "roof").mkdir(parents=True)
     drive = folder / "in" / "car-7" / "roof" / "drive.pcap"
-    assert run_here("simulate", "sim:city?sensor=vlp16&frames=13", str(drive)).returncode == 0
+    simulated("sim:city?sensor=vlp16&frames=13", drive)
     done = run_here("archive", "run", str(folder / "in"), str(folder / "out"), "--workers", "here", "--seconds", "1")
     assert done.returncode == 0, done.stderr
     with system(folder, archive=folder / "out") as made:

@@ -11,6 +11,7 @@ import pytest
 from lidarcodec.errors import SourceError
 from lidarcodec.recording import RecordingReader
 from tests.command_line import LIMIT_S, environment, run_here
+from tests.sweeps import spread
 
 CHANGING = """
 import os, sys
@@ -27,6 +28,13 @@ assert begun, "the output was never opened"
 sys.exit(code)
 """
 """A command whose input changes at the moment at which its output is opened."""
+
+CHANGES = {
+    "damaged": "file = open({0!r}, 'r+b'); file.seek({1} // 2); file.write(bytes(99)); file.close()",
+    "shorter": "os.truncate({0!r}, {1} // 2)",
+    "another": "data = open({2!r}, 'rb').read(); file = open({0!r}, 'r+b'); file.write(data); file.truncate()",
+}
+"""What becomes of an input: {0} its path, {1} its size, {2} the path of another one."""
 
 
 def run_changing(action: str, out: Path, *words: object) -> subprocess.CompletedProcess[str]:
@@ -46,23 +54,14 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("gap", [(), ("--allow-gap",)])
-@pytest.mark.parametrize(
-    "change",
-    [
-        "file = open({0!r}, 'r+b'); file.seek({1} // 2); file.write(bytes(99)); file.close()",
-        "os.truncate({0!r}, {1} // 2)",
-        "data = open({2!r}, 'rb').read(); file = open({0!r}, 'r+b'); file.write(data); file.truncate(); file.close()",
-    ],
-    ids=["damaged", "shorter", "another"],
-)
+@pytest.mark.parametrize(("change", "gap"), spread(CHANGES, [(), ("--allow-gap",)]))
 def test_parts_that_change_while_they_are_joined_are_no_drive(
     drive: Path, tmp_path: Path, change: str, gap: tuple[str, ...]
 ) -> None:
     """They were checked before: a frame was missing in the drive, or another stood twice, and the code was 0."""
     first, second, out = drive / "a.mcap", tmp_path / "b.mcap", tmp_path / "drive.mcap"
     second.write_bytes((drive / "b.mcap").read_bytes())
-    action = change.format(str(second), second.stat().st_size, str(first))
+    action = CHANGES[change].format(str(second), second.stat().st_size, str(first))
     result = run_changing(action, out, "join", first, second, out, *gap)
     assert result.returncode == 1, result.stderr
     assert f"{second} changed while it was joined" in result.stderr.splitlines()[-1]

@@ -19,6 +19,7 @@ from lidarcodec.ratecontrol.curve import COARSEST_M
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.units import RANGE_STEP_M
 from lidarcodec.wire import pack, size_of, unpack
+from tests.drives import simulated
 from tests.sweeps import sampled
 
 SFND = "kitti_sfnd_f000-049.pcap.xz"
@@ -26,8 +27,9 @@ VEGETATION = "kitti_0013_f052-107.pcap.xz"
 
 
 @pytest.fixture(scope="module")
-def city() -> list[Frame]:
-    return long_enough(list(api.read_frames("sim:city?frames=12")), 7.0)
+def city(tmp_path_factory: pytest.TempPathFactory) -> list[Frame]:
+    capture = simulated("sim:city?frames=12", tmp_path_factory.mktemp("city") / "drive.pcap")
+    return long_enough(list(api.read_frames(capture)), 7.0)
 
 
 @pytest.fixture(scope="module")

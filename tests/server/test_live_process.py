@@ -18,6 +18,7 @@ from lidarcodec.wire import unpack
 from tests import asking, forks
 from tests.command_line import COMMAND, environment
 from tests.conftest import ROOT
+from tests.drives import simulated
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -35,7 +36,8 @@ def system(folder):
     variables = environment(LIDARCODEC_LOOPBACK_PORT=str(free_port()))
     port = free_port()
     serve = ["serve", "--port", str(port), "--database-url", f"sqlite:///{folder / 'server.db'}"]
-    publish = ["publish", "sim:city?frames=400", "--vehicle", "car-7", "--sensor", "roof", "--rate", "4"]
+    drive = simulated("sim:city?frames=12", folder / "drive.pcap")
+    publish = ["publish", str(drive), "--loop", "--vehicle", "car-7", "--sensor", "roof", "--rate", "4"]
     started = [
         forks.Process([*COMMAND, *words], env=variables, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         for words in ([*serve, "--recordings", str(folder / "recordings")], publish)

@@ -27,8 +27,8 @@ pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine t
 FRAMES = 12
 
 
-def _drive() -> tuple[list[Frame], SimulatorSource]:
-    source = SimulatorSource("street", seed=4, frames=FRAMES)
+def _drive(count: int = FRAMES) -> tuple[list[Frame], SimulatorSource]:
+    source = SimulatorSource("street", seed=4, frames=count)
     return list(read_frames(source)), source
 
 
@@ -36,6 +36,15 @@ def _drive() -> tuple[list[Frame], SimulatorSource]:
 def annotated(tmp_path_factory: pytest.TempPathFactory) -> AnnotationFolder:
     frames, source = _drive()
     folder = AnnotationFolder(tmp_path_factory.mktemp("drive") / "annotated")
+    annotate(frames, folder, AnnotationSettings("a street", every=2), source.poses)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> AnnotationFolder:
+    """Four frames of the same drive."""
+    frames, source = _drive(4)
+    folder = AnnotationFolder(tmp_path_factory.mktemp("short") / "annotated")
     annotate(frames, folder, AnnotationSettings("a street", every=2), source.poses)
     return folder
 
@@ -253,10 +262,10 @@ def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("spoiled", ["value", "width", "kind", "count", "frames"])
-def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, annotated: AnnotationFolder, spoiled: str) -> None:
+def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, short: AnnotationFolder, spoiled: str) -> None:
     """They ended training with errors of torch, or took a minute and more to say nothing."""
     folder = AnnotationFolder(tmp_path / "drive")
-    shutil.copytree(annotated.path, folder.path)
+    shutil.copytree(short.path, folder.path)
     path = folder.path / "labels" / "000003.npz"
     arrays = dict(np.load(path))
     if spoiled == "value":
