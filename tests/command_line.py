@@ -6,15 +6,23 @@ import os
 import signal
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
 from lidarcodec import cli
+from lidarcodec.commands.running.options import command_line, leaves
 from tests import forks
 
 ROOT = Path(__file__).resolve().parent.parent
 COMMAND = [sys.executable, "-m", "lidarcodec"]
 LIMIT_S = 100
+
+
+@cache
+def commands():
+    """Every command that does something, by its words. They are made once, when a test asks."""
+    return {" ".join(words): command for words, command in leaves(command_line(cli.app))}
 
 
 def environment(**more):

@@ -6,6 +6,7 @@ import os
 import pkgutil
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,12 @@ def has_examples(name):
 
 
 TARGETS = ["help", "demo", "test", "lint", "check", "bench", "bench-compare", "golden", "fuzz", "soak", "faults"]
-COMMANDS = command_line(app).commands
+
+
+@cache
+def commands():
+    """The command line's, by name; made once, when a test asks."""
+    return command_line(app).commands
 
 
 def headings(page):
@@ -49,7 +55,7 @@ def headings(page):
 
 
 def test_every_command_has_its_heading_and_no_other():
-    assert set(COMMANDS) == headings("commands.md") - {"Commands"}
+    assert set(commands()) == headings("commands.md") - {"Commands"}
 
 
 def test_every_setting_has_its_heading_and_no_other():
@@ -143,8 +149,8 @@ def test_every_command_that_is_shown_exists_with_its_options(page, words):
         targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
         assert words[1] in targets
         return
-    assert words[1] in COMMANDS, f"{page}: {words}"
-    command = COMMANDS[words[1]]
+    assert words[1] in commands(), f"{page}: {words}"
+    command = commands()[words[1]]
     if hasattr(command, "commands"):  # a group, such as `token`
         command = command.commands[words[2]]
     options = {name for parameter in command.params for name in parameter.opts}

@@ -129,7 +129,7 @@ def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(c
             time.sleep(1.6)
             publishing.send_signal(signal.SIGKILL)
             publishing.communicate()
-    with start(*publish(capture, endpoint, "--rate", 10)) as publishing:
+    with start(*publish(capture, endpoint, "--rate", 10, "--loop")) as publishing:
         out, complaints = receiving.communicate(timeout=90)
         publishing.send_signal(signal.SIGTERM)
         publishing.communicate(timeout=90)

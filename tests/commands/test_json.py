@@ -7,28 +7,25 @@ import pytest
 from pydantic import TypeAdapter
 from typing_extensions import is_typeddict
 
-from lidarcodec.cli import app
-from lidarcodec.commands.running.options import command_line, leaves
 from lidarcodec.commands.running.telling import schema_of
-from tests.command_line import run_here
+from tests.command_line import commands, run_here
 from tools.command_tables import members
 
-COMMANDS = {" ".join(words): command for words, command in leaves(command_line(app))}
 OPEN = {"SourceInfo", "RecordingInfo", "MessageInfo", "Received", "Benched", "MapCompressed", "Published"}
 """Objects that may have more fields than those written down. Their text says so."""
 
 
 def test_every_command_prints_json():
     without = [
-        name for name, command in COMMANDS.items() if "--json" not in {o for one in command.params for o in one.opts}
+        name for name, command in commands().items() if "--json" not in {o for one in command.params for o in one.opts}
     ]
     assert not without, f"add `as_json: AsJson = False` to {without}, and print with `tell`"
 
 
 def test_every_command_has_a_schema_whose_fields_have_a_text():
-    without = [name for name, command in COMMANDS.items() if schema_of(command.callback) is None]
+    without = [name for name, command in commands().items() if schema_of(command.callback) is None]
     assert not without, f"write a TypedDict in commands/results and add `@prints(TYPE)` to {without}"
-    for command in COMMANDS.values():
+    for command in commands().values():
         for kind in members(schema_of(command.callback)):
             assert is_typeddict(kind)
             assert kind.__doc__, kind
@@ -46,7 +43,7 @@ def printed(name, *words):
 
 def check(name, found):
     """Raises if a value does not fit the schema of a command, or has a field that is not written down."""
-    schema = schema_of(COMMANDS[name].callback)
+    schema = schema_of(commands()[name].callback)
     TypeAdapter(schema).validate_python(found)
     kinds = members(schema)
     for one in found if isinstance(found, list) else [found]:
