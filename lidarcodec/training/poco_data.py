@@ -25,14 +25,22 @@ LEAST_POINTS: Final = 2 * QUARTER ** len(STAGES)
 """Least number of points, so that each stage has points left, and batch normalisation works with one scan."""
 
 
+class PocoReturns(NamedTuple):
+    """All R returns of a frame, in the order of its cloud. features: (R, 4) float32, x y z in metres and intensity /
+    255; labels: (R,) uint8, 0 low, 1 high, 2 ground."""
+
+    features: npt.NDArray[np.float32]
+    labels: npt.NDArray[np.uint8]
+
+
 class PocoScan(NamedTuple):
     """points: (N, 3) float32, metres; features: (N, 4) float32, x y z and intensity / 255; labels: (N,) int64, 0 low,
-    1 high, 2 ground; nearest: (R,) intp, for each of the frame's returns the nearest used one."""
+    1 high, 2 ground; near: (N, 12) intp, neighbours of each of the points."""
 
     points: npt.NDArray[np.float32]
     features: npt.NDArray[np.float32]
     labels: npt.NDArray[np.int64]
-    nearest: npt.NDArray[np.intp]
+    near: npt.NDArray[np.intp]
 
 
 class Levels(NamedTuple):
@@ -44,33 +52,43 @@ class Levels(NamedTuple):
     up: list[Tensor]
 
 
-def poco_scan(frame: Frame, truth: Labels | None, count: int, rng: np.random.Generator) -> PocoScan | None:
-    """`count` returns of a frame; labels are 0 without `truth`. None for a frame without returns."""
+def poco_returns(frame: Frame, truth: Labels | None) -> PocoReturns:
+    """The returns of a frame; labels are 0 without `truth`."""
     cloud = frame.cloud()
-    if not len(cloud):
+    intensity = cloud["intensity"].astype(np.float32) / 255
+    features = np.stack([*(cloud[axis] for axis in "xyz"), intensity], axis=1)
+    labels = np.zeros(len(cloud), np.uint8) if truth is None else truth.labels.T[frame.valid.T] - np.uint8(1)
+    return PocoReturns(features, labels)
+
+
+def poco_scan(returns: PocoReturns, count: int, rng: np.random.Generator) -> PocoScan | None:
+    """`count` of a frame's returns; None if it has none."""
+    if not len(returns.features):
         return None
-    points = np.stack([cloud[axis] for axis in "xyz"], axis=1)
-    chosen = rng.permutation(len(points))[:count]
-    nearest = _nearest(points[chosen], points, 1)[:, 0]
+    chosen = rng.permutation(len(returns.features))[:count]
     if len(chosen) < count:
-        chosen = np.append(chosen, rng.choice(len(points), count - len(chosen)))
-    labels = np.zeros(count, np.int64)
-    if truth is not None:
-        labels = truth.labels.T[frame.valid.T][chosen].astype(np.int64) - 1
-    features = np.hstack([points[chosen], cloud["intensity"][chosen, None].astype(np.float32) / 255])
-    return PocoScan(points[chosen], features, labels, nearest)
+        chosen = np.append(chosen, rng.choice(len(returns.features), count - len(chosen)))
+    features = returns.features[chosen]
+    points = np.ascontiguousarray(features[:, :3])
+    return PocoScan(points, features, returns.labels[chosen].astype(np.int64), _nearest(points, points, NEIGHBOURS))
+
+
+def lent(scan: PocoScan, returns: PocoReturns) -> npt.NDArray[np.intp]:
+    """(R,) for each return of a frame the nearest one of those in `scan`, which lends it what was found."""
+    return _nearest(scan.points, returns.features[:, :3], 1)[:, 0]
 
 
 def levels_of(scans: Sequence[PocoScan], rng: np.random.Generator, device: torch.device) -> Levels:
     """One random sampling for a batch of scans with equal numbers of points."""
     stacked: list[list[tuple[npt.NDArray[Any], ...]]] = [[] for _ in STAGES]
     for scan in scans:
-        points = scan.points
+        points, near = scan.points, scan.near
         for stage in stacked:
             kept = rng.permutation(len(points))[: max(len(points) // QUARTER, 1)]
-            near, up = _nearest(points, points, NEIGHBOURS), _nearest(points[kept], points, 1)[:, 0]
-            stage.append((points.T, near, kept, up))
+            stage.append((points.T, near, kept, _nearest(points[kept], points, 1)[:, 0]))
             points = points[kept]
+            if stage is not stacked[-1]:
+                near = _nearest(points, points, NEIGHBOURS)
 
     def tensors(part: int, dtype: torch.dtype) -> list[Tensor]:
         planes = [np.stack([draw[part] for draw in stage]) for stage in stacked]

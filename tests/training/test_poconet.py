@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -14,10 +15,17 @@ from lidarcodec.api import read_frames  # noqa: E402
 from lidarcodec.errors import SettingsError, SourceError  # noqa: E402
 from lidarcodec.sources.simulator import SimulatorSource  # noqa: E402
 from lidarcodec.training.annotation_folder import AnnotationFolder, Labels  # noqa: E402
-from lidarcodec.training.nets.poconet import CODEWORD, GlobalFeatureAttention, PocoNet  # noqa: E402
-from lidarcodec.training.poco_data import PAPER_POINTS, levels_of, poco_scan  # noqa: E402
-from lidarcodec.training.runs import seed_torch  # noqa: E402
-from lidarcodec.training.train_poconet import PocoRun, measure_poconet, poconet_logits, train_poconet  # noqa: E402
+from lidarcodec.training.nets.poconet import CODEWORD, GlobalFeatureAttention, PocoNet, WeightedSum  # noqa: E402
+from lidarcodec.training.poco_data import PAPER_POINTS, lent, levels_of, poco_returns, poco_scan  # noqa: E402
+from lidarcodec.training.runs import load_checkpoint, seed_torch  # noqa: E402
+from lidarcodec.training.train_poconet import (  # noqa: E402
+    PocoRun,
+    best_of,
+    curve_of,
+    measure_poconet,
+    poconet_logits,
+    train_poconet,
+)
 from tests.command_line import run_here  # noqa: E402
 
 pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine that others use too
@@ -58,6 +66,49 @@ def test_a_toy_training_learns_is_seeded_and_goes_on_where_it_was(drive: Path, t
     json.dumps(found)
 
 
+@pytest.mark.sweep
+def test_a_training_by_the_clock_ends_in_time_with_a_curve_and_the_best_network(drive: Path, tmp_path: Path) -> None:
+    """Without it nobody knows when a network was done, and a run on a busy machine ends at its highest rate."""
+    out, run = tmp_path / "clock.pt", PocoRun(seed=4, points=POINTS, minutes=0.03)
+    train_poconet([drive], out, run, "cpu", seconds=0.0)
+    begun = load_checkpoint(out)
+    assert begun is not None
+    assert begun.step == 1
+    train_poconet([drive], out, run, "cpu", validate=[drive], measure_seconds=0.5)
+    state, best = load_checkpoint(out), load_checkpoint(best_of(out))
+    assert state is not None
+    assert best is not None
+    assert state.seconds >= 60 * 0.03
+    assert state.log[-1]["rate"] < 0.5 * run.rate
+    with curve_of(out).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == [str(entry["step"]) for entry in state.log]
+    precision = {row["step"]: float(row["precision"]) for row in rows if row["drive"] == drive.name}
+    assert precision[str(best.step)] == max(precision.values())
+    assert [row["processor_minutes"] for row in rows] == sorted(row["processor_minutes"] for row in rows)
+    with pytest.raises(SettingsError, match="minutes"):
+        PocoRun(minutes=0.0)
+
+
+def test_the_weighted_sum_and_its_gradient_are_those_of_the_plain_formula() -> None:
+    """Its gradient is written by hand, to train faster: a wrong one would train another network."""
+    seed_torch(3)
+    features, scores = (torch.randn(2, 3, 4, 5, dtype=torch.float64, requires_grad=True) for _ in range(2))
+    plain = (features * torch.softmax(scores, dim=2)).sum(dim=2)
+    assert torch.equal(WeightedSum.apply(features, scores), plain)
+    assert torch.autograd.gradcheck(WeightedSum.apply, (features, scores))
+
+
+def test_the_second_branch_has_the_codeword_of_the_whole_network(drive: Path) -> None:
+    scan = poco_scan(poco_returns(AnnotationFolder(drive).frame(0), None), POINTS, np.random.default_rng(1))
+    assert scan is not None
+    seed_torch(2)
+    net, inputs = PocoNet().eval(), levels_of([scan], np.random.default_rng(3), CPU)
+    features = torch.from_numpy(scan.features.T[None])
+    with torch.no_grad():
+        assert torch.equal(net.codeword(features, *inputs[:3]), net(features, *inputs)[1])
+
+
 def test_attention_weights_add_up_to_one_over_what_is_summed() -> None:
     """Equation 4 normalises beta_ij over i, so equation 5 must sum over i, whatever its indices say."""
     seed_torch(2)
@@ -82,8 +133,9 @@ def test_the_codeword_does_not_depend_on_the_order_of_the_points() -> None:
 def test_a_scan_that_is_short_repeats_and_one_that_is_long_lends_its_labels(drive: Path) -> None:
     folder = AnnotationFolder(drive)
     frame, truth = folder.frame(0), folder.labels(0)
-    short = poco_scan(frame, truth, frame.points + 1000, np.random.default_rng(1))
-    few = poco_scan(frame, truth, POINTS, np.random.default_rng(1))
+    returns = poco_returns(frame, truth)
+    short = poco_scan(returns, frame.points + 1000, np.random.default_rng(1))
+    few = poco_scan(returns, POINTS, np.random.default_rng(1))
     assert short is not None
     assert few is not None
     assert len(short.points) == frame.points + 1000
@@ -91,16 +143,16 @@ def test_a_scan_that_is_short_repeats_and_one_that_is_long_lends_its_labels(driv
     assert PAPER_POINTS == 122_880
     cloud = frame.cloud()
     own = np.stack([cloud[axis] for axis in "xyz"], axis=1)
-    chosen = few.points[few.nearest[:200]]
+    chosen = few.points[lent(few, returns)[:200]]
     closest = ((own[:200, None] - few.points[None]) ** 2).sum(axis=2).min(axis=1)
     assert np.allclose(((own[:200] - chosen) ** 2).sum(axis=1), closest, rtol=1e-4)
     empty = frame.with_(range=np.zeros_like(frame.range))
-    assert poco_scan(empty, None, POINTS, np.random.default_rng(1)) is None
+    assert poco_scan(poco_returns(empty, None), POINTS, np.random.default_rng(1)) is None
     assert poconet_logits(PocoNet().eval(), empty, POINTS, np.random.default_rng(1)).shape == (3, 0)
 
 
 def test_two_draws_of_the_sampling_differ_and_both_keep_a_quarter(drive: Path) -> None:
-    scan = poco_scan(AnnotationFolder(drive).frame(0), None, POINTS, np.random.default_rng(1))
+    scan = poco_scan(poco_returns(AnnotationFolder(drive).frame(0), None), POINTS, np.random.default_rng(1))
     assert scan is not None
     rng = np.random.default_rng(3)
     one, two = levels_of([scan], rng, CPU), levels_of([scan], rng, CPU)

@@ -47,6 +47,23 @@ def poconet(
         int | None,
         Option("--points", min=512, metavar="N", help="Points of each scan. Default: 122880 on a GPU, otherwise 8192."),
     ] = None,
+    minutes: Annotated[
+        float | None,
+        Option(
+            "--minutes",
+            metavar="M",
+            help="Train for M minutes instead of --epochs. The learning rate falls by the clock.",
+        ),
+    ] = None,
+    validate: Annotated[
+        list[Path] | None,
+        Option(
+            "--validate",
+            metavar="DIR",
+            help="Measure on this drive every five minutes, and keep the best network "
+            "in NAME.best.pt beside FILE. Repeatable. NAME.curve.csv has what was measured.",
+        ),
+    ] = None,
     every: Every = 1,
     seconds: Seconds = None,
     seed: Seed = 1,
@@ -55,11 +72,11 @@ def poconet(
     as_json: AsJson = False,
 ) -> None:
     """Train PocoNet, the paper's network, on annotated drives (extra `learned`)."""
-    training = _begun(drives, test, threads, "train_poconet")
-    run = training.PocoRun(seed=seed, epochs=epochs, batch=batch, points=points)
+    training = _begun(drives, [*(test or []), *(validate or [])], threads, "train_poconet")
+    run = training.PocoRun(seed=seed, epochs=epochs, batch=batch, points=points, minutes=minutes)
     with progress("steps") as tick:
         net = training.train_poconet(
-            drives, out, run, device, tick=lambda *_: tick(), every=every, seconds=seconds
+            drives, out, run, device, tick=lambda *_: tick(), every=every, seconds=seconds, validate=validate or ()
         )  # fmt: skip
     used = run.on(next(net.parameters()).device)["points"]
     _tell([out], {str(drive): training.measure_poconet(net, [drive], used) for drive in test or []}, as_json)

@@ -12,7 +12,7 @@ SemanticKITTI, and f and g of the attention are an eighth as wide as h. `poco_da
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import torch
 from torch import Tensor, nn
@@ -25,7 +25,7 @@ _SLOPE: Final = 0.2
 
 
 def gathered(values: Tensor, places: Tensor) -> Tensor:
-    """(B, D, N, K) of values (B, D, M) at places (B, N, K); (B, D, N) for places (B, N)."""
+    """(B, D, K, N) of values (B, D, M) at places (B, K, N); (B, D, N) for places (B, N)."""
     batch, depth, _ = values.shape
     flat = places.reshape(batch, 1, -1).expand(-1, depth, -1)
     found: Tensor = torch.gather(values, 2, flat).reshape(batch, depth, *places.shape[1:])
@@ -33,10 +33,32 @@ def gathered(values: Tensor, places: Tensor) -> Tensor:
 
 
 def _shared(channels: int, out: int, *, flat: bool = False) -> nn.Sequential:
-    """The same small network at every point: (B, channels, N) or, if not flat, (B, channels, N, K)."""
+    """The same small network at every point: (B, channels, N) or, if not flat, (B, channels, K, N)."""
     kernel = nn.Conv1d(channels, out, 1, bias=False) if flat else nn.Conv2d(channels, out, 1, bias=False)
     norm = nn.BatchNorm1d(out) if flat else nn.BatchNorm2d(out)
     return nn.Sequential(kernel, norm, nn.LeakyReLU(_SLOPE))
+
+
+class WeightedSum(torch.autograd.Function):
+    """Sum of features (B, D, K, N) over K with the weights softmax(scores): (B, D, N).
+
+    As one function, because its gradient is simple: with w the weights, s the sum and g the gradient of s, that of the
+    features is w g, and that of the scores w g (feature - s). Training by steps of torch keeps and reads three times as
+    much memory, which is what it waits for.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, features: Tensor, scores: Tensor) -> Tensor:
+        weights = torch.softmax(scores, dim=2)
+        pooled = (features * weights).sum(dim=2)
+        ctx.save_for_backward(features, weights, pooled)
+        return pooled
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor]:
+        features, weights, pooled = ctx.saved_tensors
+        of_features = weights * gradients[0].unsqueeze(2)
+        return of_features, (features - pooled.unsqueeze(2)).mul_(of_features)
 
 
 class AttentivePooling(nn.Module):
@@ -48,9 +70,8 @@ class AttentivePooling(nn.Module):
         self.after = _shared(channels, out, flat=True)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(B, out, N) from (B, channels, N, K)."""
-        weights = torch.softmax(self.scores(features), dim=3)
-        pooled: Tensor = self.after((features * weights).sum(dim=3))
+        """(B, out, N) from (B, channels, K, N)."""
+        pooled: Tensor = self.after(WeightedSum.apply(features, self.scores(features)))
         return pooled
 
 
@@ -68,11 +89,12 @@ class LocalAggregation(nn.Module):
         self.bend = nn.LeakyReLU(_SLOPE)
 
     def forward(self, features: Tensor, points: Tensor, near: Tensor) -> Tensor:
-        """features: (B, channels, N), points: (B, 3, N), near: (B, N, K) indices of each point's neighbours."""
+        """features: (B, channels, N), points: (B, 3, N), near: (B, K, N) indices of each point's neighbours."""
         there = gathered(points, near)
-        here = points.unsqueeze(3).expand_as(there)
+        here = points.unsqueeze(2).expand_as(there)
         apart = here - there
-        encoded = self.place1(torch.cat([apart.norm(dim=1, keepdim=True), apart, here, there], 1))
+        far = apart.square().sum(dim=1, keepdim=True).sqrt_()
+        encoded = self.place1(torch.cat([far, apart, here, there], 1))
         found = self.before(features)
         found = self.pool1(torch.cat([gathered(found, near), encoded], 1))
         encoded = self.place2(encoded)
@@ -132,18 +154,31 @@ class PocoNet(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """features: (B, 4, N): x y z intensity. For each of the four stages: points (B, 3, N_s), near (B, N_s, 12),
         kept (B, N_s+1): indices of the kept points, up (B, N_s): for each point the nearest kept one."""
-        found = self.first(features)
-        skips = []
-        for stage, (layer, at, around, going) in enumerate(zip(self.stages, points, near, kept, strict=True)):
-            found = layer(found, at, around)
-            if stage == 0:
-                skips.append(found)
-            neighbourhood = torch.gather(around, 1, going.unsqueeze(2).expand(-1, -1, around.shape[2]))
-            found = gathered(found, neighbourhood).amax(dim=3)
-            skips.append(found)
+        found, skips = self._encoded(features, points, near, kept)
         codeword = self.attention(found)
         wide = codeword.unsqueeze(2).expand(-1, -1, found.shape[2])
         found = self.bottom(torch.cat([found, wide], 1))
         for layer, nearest, skip in zip(self.back, reversed(up), reversed(skips[:-1]), strict=True):
             found = layer(torch.cat([gathered(found, nearest), skip], 1))
         return self.head(found), codeword
+
+    def codeword(self, features: Tensor, points: list[Tensor], near: list[Tensor], kept: list[Tensor]) -> Tensor:
+        """The codeword alone: all that training asks of the second branch."""
+        found: Tensor = self.attention(self._encoded(features, points, near, kept)[0])
+        return found
+
+    def _encoded(
+        self, features: Tensor, points: list[Tensor], near: list[Tensor], kept: list[Tensor]
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Features after the last stage, and those that go beside to the way back."""
+        found = self.first(features)
+        skips = []
+        for stage, (layer, at, around, going) in enumerate(zip(self.stages, points, near, kept, strict=True)):
+            beside = around.transpose(1, 2).contiguous()  # neighbours before points: sums over them read whole rows
+            found = layer(found, at, beside)
+            if stage == 0:
+                skips.append(found)
+            neighbourhood = torch.gather(beside, 2, going.unsqueeze(1).expand(-1, beside.shape[1], -1))
+            found = gathered(found, neighbourhood).amax(dim=2)
+            skips.append(found)
+        return found, skips
