@@ -4,8 +4,9 @@
     python -m research.riddle_paper evaluate SOURCE --calibration FILE --intra DIR --temporal DIR [--json FILE]
     python -m research.riddle_paper table FILE...
 
-`train` goes on where a run in DIR stands. `evaluate` measures each predictor on the same turns; `table` prints what it
-wrote. Needs the extra `learned`; a GPU is used when there is one.
+`train` goes on where a run in DIR stands, and keeps the network that was best on turns held out. `evaluate` measures
+each predictor on the same turns; `table` prints what it wrote. Needs the extra `learned`; a GPU is used when there is
+one.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ def _train(chosen: argparse.Namespace) -> int:
         frames=chosen.frames,
         rate=chosen.rate,
         seed=chosen.seed,
+        minutes=chosen.minutes,
     )
     scans, held_out = [], []
     for source in chosen.sources:
@@ -45,16 +47,20 @@ def _train(chosen: argparse.Namespace) -> int:
         held_out += found[len(found) - held :]
         print(f"{source}: {len(found)} turns, {sum(s.motion is not None for s in found)} with the motion before them")
 
+    drives = {}
+    for source in chosen.validate:
+        found = data.read_scans(source, calibration=chosen.calibration, skip=8, every=30)
+        drives[Path(source).name.split(".")[0]] = [scan for scan in found if scan.motion is not None]
+
     def tell(progress: Any) -> None:
         if progress.measured is not None:
-            print(json.dumps({name: round(value, 4) for name, value in progress.measured.items()}), flush=True)
+            print(json.dumps(progress.measured), flush=True)
         elif sys.stderr.isatty():
-            print(
-                f"\r{progress.step} of {progress.steps}, loss {progress.loss:.3f} ", end="", file=sys.stderr, flush=True
-            )
+            line = f"\r{progress.step} steps, {100 * progress.done:.1f} %, loss {progress.loss:.3f} "
+            print(line, end="", file=sys.stderr, flush=True)
 
     device = runs.choose_device(chosen.device)
-    run.train(scans, held_out, settings, chosen.out, device=device, every=chosen.every, tell=tell)
+    run.train(scans, held_out, settings, chosen.out, device=device, every=chosen.every, validate=drives, tell=tell)
     return 0
 
 
@@ -66,7 +72,7 @@ def _evaluate(chosen: argparse.Namespace) -> int:
     nets, trained = {}, {}
     for name, folder in (("intra", chosen.intra), ("temporal", chosen.temporal)):
         if folder is not None:
-            net, state = run.load_net(folder, device)
+            net, state = run.load_net(folder, device, run.BEST if (folder / run.BEST).exists() else run.CHECKPOINT)
             nets[f"RIDDLE {name}"] = measure.Learned(coding.Predictor(net, device), net.shape.temporal)
             trained[name] = {"settings": state.settings, "step": state.step, "seconds": state.seconds, "log": state.log}
     scans = data.read_scans(
@@ -137,6 +143,14 @@ def _arguments() -> argparse.ArgumentParser:
         "--temporal", type=int, default=0, help="points of the scan before: 0 intra, 100 as in the paper"
     )
     train.add_argument("--steps", type=int, default=4000)
+    train.add_argument(
+        "--minutes", type=float, help="train so long instead; the learning rate falls by the clock, and what was "
+        "reached is written every five minutes"
+    )  # fmt: skip
+    train.add_argument(
+        "--validate", action="append", default=[], metavar="SOURCE", help="a drive for the learning curve (curve.csv): "
+        "every 30th of its turns; repeatable"
+    )  # fmt: skip
     train.add_argument("--batch", type=int, default=1024, help="returns a step")
     train.add_argument("--frames", type=int, default=2, help="frames they are drawn from")
     train.add_argument("--rate", type=float, default=2e-3, help="peak of the learning rate")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
@@ -79,30 +80,44 @@ class Samples:
     step: int
 
 
-def samples_of(image: PaperImage, earlier: MovedPoints | None, count: int, rng: np.random.Generator) -> Samples:
-    """Up to `count` returns of an image, drawn at random; those without any valid neighbour are left out."""
-    rows, columns = np.nonzero(image.valid)
-    if len(rows) > count:
-        drawn = np.sort(rng.choice(len(rows), count, replace=False))
-        rows, columns = rows[drawn], columns[drawn]
-    contexts = ContextReader(image, earlier).read(rows, columns)
-    ranges = image.cells[rows, columns].astype(np.float32) * np.float32(image.step_m)
-    anchor, any_valid = nearest_anchor(contexts, ranges)
-    kept = np.flatnonzero(any_valid)
-    chosen = Contexts(
-        contexts.features[kept], contexts.valid[kept], contexts.anchors_m[kept], contexts.before_m[kept]
-    )  # fmt: skip
-    return Samples(chosen, ranges[kept], anchor[kept], image.step)
+class Prepared:
+    """An image, ready for returns to be drawn from it."""
+
+    def __init__(self, image: PaperImage, earlier: MovedPoints | None) -> None:
+        self.image, self.reader = image, ContextReader(image, earlier)
+        self.places = np.flatnonzero(image.valid).astype(np.uint32)
+
+    def samples(self, count: int, rng: np.random.Generator) -> Samples:
+        """Up to `count` returns, drawn at random; those without any valid neighbour are left out."""
+        places = self.places
+        if len(places) > count:
+            places = places[np.sort(rng.choice(len(places), count, replace=False))]
+        rows, columns = np.divmod(places.astype(np.intp), self.image.cells.shape[1])
+        contexts = self.reader.read(rows, columns)
+        ranges = self.image.cells[rows, columns].astype(np.float32) * np.float32(self.image.step_m)
+        anchor, any_valid = nearest_anchor(contexts, ranges)
+        kept = np.flatnonzero(any_valid)
+        chosen = Contexts(
+            contexts.features[kept], contexts.valid[kept], contexts.anchors_m[kept], contexts.before_m[kept]
+        )  # fmt: skip
+        return Samples(chosen, ranges[kept], anchor[kept], self.image.step)
 
 
-def batch_of(
-    scans: Sequence[Scan], quanta: Sequence[int], temporal: int, count: int, frames: int, rng: np.random.Generator
-) -> list[Samples]:
-    """About `count` returns of `frames` scans drawn at random, each in a step drawn from `quanta`."""
-    parts = []
-    for number in rng.choice(len(scans), frames, replace=len(scans) < frames):
-        step = int(rng.choice(np.asarray(quanta)))
-        scan = scans[int(number)]
-        earlier = scan.points(step, temporal)
-        parts.append(samples_of(image_of(scan.frame, step), earlier, count // frames, rng))
-    return parts
+class PreparedScans:
+    """Images of scans in some steps. The last `most` are kept: making one takes as long as learning from 40 returns."""
+
+    def __init__(self, scans: Sequence[Scan], temporal: int, most: int = 400) -> None:
+        self._scans, self._temporal = scans, temporal
+        self._prepared = lru_cache(most)(self._prepare)
+
+    def _prepare(self, number: int, step: int) -> Prepared:
+        scan = self._scans[number]
+        return Prepared(image_of(scan.frame, step), scan.points(step, self._temporal))
+
+    def batch(self, quanta: Sequence[int], count: int, frames: int, rng: np.random.Generator) -> list[Samples]:
+        """About `count` returns of `frames` scans drawn at random, each in a step drawn from `quanta`."""
+        parts = []
+        for number in rng.choice(len(self._scans), frames, replace=len(self._scans) < frames):
+            step = int(rng.choice(np.asarray(quanta)))
+            parts.append(self._prepared(int(number), step).samples(count // frames, rng))
+        return parts

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
 
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.training import runs
+from lidarcodec.training.curve import Clock, Length, write_curve
 from lidarcodec.units import RANGE_STEP_M
+from research.riddle_paper import coding, measure
 from research.riddle_paper.context import FEATURES, SPATIAL, step_feature
-from research.riddle_paper.data import Samples, Scan, batch_of
+from research.riddle_paper.data import PreparedScans, Samples, Scan
 from research.riddle_paper.net import RESIDUAL_UNIT_M, NetShape, RiddlePaper, loss_of, predicted
 
 CHECKPOINT: Final = "checkpoint.pt"
+BEST: Final = "best.pt"
+"""The network with the least error on scans that were held out."""
+CURVE: Final = "curve.csv"
+CURVE_STEPS: Final = (11, 51)
+"""Quantisation of the learning curve: that of docs/riddle-paper.md."""
+CURVE_RETURNS: Final = 1500
+"""Drawn from each scan for it."""
+EVERY_SECONDS: Final = 300.0
+READY: Final = 800
+"""Images that stay ready; a quarter of them with points of the scan before, which are four times as large."""
+WARM_UP: Final = 100
+"""Steps in which the learning rate rises."""
 _CHUNK: Final = 64
 """Returns that a CPU works on at once: what they need stays in its cache, which is twice as fast as 1024 together."""
 _MOST_GRADIENT: Final = 5.0
@@ -33,6 +47,7 @@ class RunSettings:
 
     temporal:  points of the scan before in a context; 0 is the intra variant, 100 the paper's, 50 its supplement's
     steps:     of the optimiser; batch: returns in each, from `frames` scans; quanta: range steps to quantise to
+    minutes:   of training, instead of steps; the learning rate then falls by the clock
     rate:      peak of the learning rate; encoder, decoder: widths of the network
     """
 
@@ -46,6 +61,7 @@ class RunSettings:
     encoder: tuple[int, ...] = (32, 64, 128)
     decoder: tuple[int, ...] = (256, 128)
     residual_weight: float = 0.5
+    minutes: float | None = None
 
     def __post_init__(self) -> None:
         limits = {"temporal": (0, 1000), "steps": (1, 10**8), "batch": (1, 1 << 20), "frames": (1, 1 << 10)}
@@ -54,6 +70,8 @@ class RunSettings:
                 raise SettingsError(f"{name} = {getattr(self, name)}: {least} to {most} are possible", name)
         if not self.quanta or min(self.quanta) < 1:
             raise SettingsError(f"quanta = {self.quanta}: at least one, each at least 1", "quanta")
+        if self.minutes is not None and not 0 < self.minutes < math.inf:
+            raise SettingsError(f"{self.minutes} minutes of training: more than 0 are needed", "minutes")
         if self.batch < self.frames:
             raise SettingsError(f"a batch of {self.batch} returns from {self.frames} frames", "batch")
 
@@ -61,6 +79,13 @@ class RunSettings:
     def shape(self) -> NetShape:
         """The network's."""
         return NetShape(SPATIAL, self.temporal, FEATURES, self.encoder, self.decoder)
+
+    def rate_at(self, step: int, seconds: float) -> float:
+        """The learning rate of a step."""
+        if self.minutes is None:
+            return runs.rate_at(step, self.steps, peak=self.rate)
+        warm = min((step + 1) / WARM_UP, 1.0)
+        return warm * runs.rate_after(Length(minutes=self.minutes).done(step, seconds), peak=self.rate)
 
     def stored(self) -> dict[str, runs.Value]:
         """As a checkpoint keeps them."""
@@ -79,12 +104,14 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands: steps done of all, loss of the last ones, and what was measured if that was due."""
+    """Where a run stands: steps done of all, loss of the last one, and what was measured if that was due; the share of
+    the training that is done, 0 to 1."""
 
     step: int
     steps: int
     loss: float
     measured: dict[str, runs.Value] | None
+    done: float
 
 
 def train(
@@ -96,12 +123,16 @@ def train(
     device: torch.device | None = None,
     until: int | None = None,
     every: int = 250,
+    every_seconds: float = EVERY_SECONDS,
+    validate: Mapping[str, Sequence[Scan]] | None = None,
     tell: Callable[[Progress], None] | None = None,
 ) -> RiddlePaper:
     """Trains, or goes on where the checkpoint in `folder` stands, up to step `until` (default: the end).
 
-    A run may be given another number of steps on the way: from there on the learning rate follows it.
-    held_out: scans to measure on, every `every` steps, when the checkpoint is written too
+    A run may be given another number of steps, or of minutes, on the way: from there on the learning rate follows it.
+    held_out: scans to measure on, every `every` steps, or every `every_seconds` of a training by the clock. Then the
+    checkpoint is written too, and as BEST if no other reached as little an error on them
+    validate: scans of drives by name, for the learning curve alone (CURVE)
     Raises SettingsError if the folder holds a run under other settings, or no scan suits the variant.
     """
     device = device or runs.choose_device("cpu")
@@ -118,43 +149,74 @@ def train(
     if state is None:
         state = runs.Checkpoint(0, settings.stored(), {}, {})
     else:
-        state.require(settings.stored(), may_differ=frozenset({"steps"}))
+        state.require(settings.stored(), may_differ=frozenset({"steps", "minutes"}))
+        state.settings = settings.stored()
         net.load_state_dict(state.model)
         optimiser.load_state_dict(state.optimiser)
-    last = settings.steps if until is None else min(until, settings.steps)
-    started, losses = time.monotonic() - state.seconds, []
-    for step in range(state.step, last):
-        rng = runs.step_rng(settings.seed, step)
-        parts = batch_of(scans, settings.quanta, settings.temporal, settings.batch, settings.frames, rng)
-        runs.set_rate(optimiser, runs.rate_at(step, settings.steps, peak=settings.rate))
-        losses.append(_learn(net, optimiser, parts, settings, device))
-        due = (step + 1) % every == 0 or step + 1 == last
-        measured: dict[str, runs.Value] | None = None
-        if due:
-            measured = {"step": step + 1, "loss": float(np.mean(losses[-every:]))}
-            measured |= _measure(net, held_out, settings, device)
-            state.log.append(measured)
-            states, seconds = (net.state_dict(), optimiser.state_dict()), time.monotonic() - started
-            done = runs.Checkpoint(step + 1, settings.stored(), *states, seconds, state.log)
-            runs.save_checkpoint(folder / CHECKPOINT, done)
+    length = Length(settings.steps, settings.minutes)
+    log: list[dict[str, Any]] = state.log
+    clock = Clock(state.seconds, log[-1]["processor"] if log else 0.0)
+    prepared = PreparedScans(scans, settings.temporal, READY // (4 if settings.temporal else 1))
+    saved, losses = state.seconds, list[float]()
+    while not length.over(state.step, state.seconds) and (until is None or state.step < until):
+        rng = runs.step_rng(settings.seed, state.step)
+        parts = prepared.batch(settings.quanta, settings.batch, settings.frames, rng)
+        runs.set_rate(optimiser, settings.rate_at(state.step, state.seconds))
+        loss_now = _learn(net, optimiser, parts, settings, device)
+        losses.append(loss_now)
+        state.step, state.seconds = state.step + 1, clock.seconds
+        due = state.step % every == 0 if settings.minutes is None else state.seconds - saved > every_seconds
+        measured: dict[str, Any] | None = None
+        if due or length.over(state.step, state.seconds) or state.step == until:
+            measured = {"step": state.step, "returns": state.step * settings.batch, "loss": float(np.mean(losses))}
+            measured |= {"rate": optimiser.param_groups[0]["lr"]} | _measure(net, held_out, settings, device)
+            measured["drives"] = _on_drives(net, validate or {}, settings, device)
+            state.seconds = saved = clock.seconds
+            measured |= {"seconds": state.seconds, "processor": clock.processor}
+            log.append(measured)
+            state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
+            if held_out and measured["log2_error"] <= min(row.get("log2_error", math.inf) for row in log):
+                runs.save_checkpoint(folder / BEST, state)
+            runs.save_checkpoint(folder / CHECKPOINT, state)
+            write_curve(folder / CURVE, log)
+            losses = []
         if tell:
-            tell(Progress(step + 1, settings.steps, losses[-1], measured))
+            done = length.done(state.step, state.seconds)
+            tell(Progress(state.step, settings.steps, loss_now, measured, done))
     return net
 
 
-def load_net(folder: Path, device: torch.device | None = None) -> tuple[RiddlePaper, runs.Checkpoint]:
+def _on_drives(
+    net: RiddlePaper, drives: Mapping[str, Sequence[Scan]], settings: RunSettings, device: torch.device
+) -> list[dict[str, Any]]:
+    """What residuals cost on other drives, and how often the network is near, in the steps of docs/riddle-paper.md."""
+    found = []
+    learned = {"net": measure.Learned(coding.Predictor(net, device), settings.temporal)}
+    for name, scans in drives.items():
+        for step in CURVE_STEPS:
+            rows = measure.drawn_returns(scans, learned, step, CURVE_RETURNS)
+            own, plain = rows["net"], rows["previous valid"]
+            found.append({"drive": name, "step_m": step * RANGE_STEP_M, "entropy_bits": own["bits"]["entropy"],
+                          "previous_valid_entropy_bits": plain["bits"]["entropy"], "within_0.1_m": own["within_0.1_m"],
+                          "right_cell": own["right_cell"]})  # fmt: skip
+    return found
+
+
+def load_net(
+    folder: Path, device: torch.device | None = None, file: str = CHECKPOINT
+) -> tuple[RiddlePaper, runs.Checkpoint]:
     """The predictor that was trained into `folder`, and how that went.
 
     Raises SourceError if there is none, or it cannot be read.
     """
-    state = runs.load_checkpoint(folder / CHECKPOINT, device)
+    state = runs.load_checkpoint(folder / file, device)
     if state is None:
-        raise SourceError(f"no {CHECKPOINT} in {folder}: train one first")
+        raise SourceError(f"no {file} in {folder}: train one first")
     net = RiddlePaper(RunSettings.restored(state.settings).shape)
     try:
         net.load_state_dict(state.model)
     except (RuntimeError, AttributeError, TypeError):
-        raise SourceError(f"{folder / CHECKPOINT} holds another network than it says") from None
+        raise SourceError(f"{folder / file} holds another network than it says") from None
     return net, state
 
 
@@ -206,7 +268,7 @@ def _measure(
         return {}
     rng = runs.step_rng(settings.seed, _VALIDATION_STEP)
     frames = min(4, len(scans))
-    parts = batch_of(scans, settings.quanta, settings.temporal, count, frames, rng)
+    parts = PreparedScans(scans, settings.temporal).batch(settings.quanta, count, frames, rng)
     net.eval()
     right, near, apart, before, held = 0, 0, 0.0, 0.0, 0
     with torch.inference_mode():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ torch = pytest.importorskip("torch", reason="training needs torch: the extra `le
 from lidarcodec.motion.motion import STILL  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
 from research.riddle_paper.coding import Predictor  # noqa: E402
-from research.riddle_paper.data import Scan, read_scans  # noqa: E402
+from research.riddle_paper.data import PreparedScans, Scan, read_scans  # noqa: E402
 from research.riddle_paper.images import image_of, previous_valid  # noqa: E402
+from research.riddle_paper.net import NetShape, RiddlePaper  # noqa: E402
 from research.riddle_paper.residuals import entropy_bits  # noqa: E402
-from research.riddle_paper.run import CHECKPOINT, Progress, RunSettings, load_net, train  # noqa: E402
+from research.riddle_paper.run import BEST, CHECKPOINT, CURVE, Progress, RunSettings, load_net, train  # noqa: E402
 from tests.research.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
 
 SMALL = RunSettings(steps=12, batch=64, encoder=(8, 16), decoder=(16,), quanta=(10,))
@@ -87,6 +89,55 @@ def test_seeds_make_different_runs_and_the_same_seed_the_same(tmp_path: Path) ->
     a, b, c = (torch.cat([weights.flatten() for weights in net.state_dict().values()]) for net in nets)
     assert torch.equal(a, b)
     assert not torch.equal(a, c)
+
+
+@pytest.mark.sweep
+def test_a_training_by_the_clock_ends_in_time_with_a_curve_and_the_best_network(tmp_path: Path) -> None:
+    settings = RunSettings(**{**SMALL.__dict__, "minutes": 0.02})
+    other = {"other": scans(1, 70)}
+    train(scans(2), scans(1, 60), settings, tmp_path, every_seconds=0.3, validate=other, until=2)
+    train(scans(2), scans(1, 60), settings, tmp_path, every_seconds=0.3, validate=other)
+    _, state = load_net(tmp_path)
+    _, best = load_net(tmp_path, file=BEST)
+    assert state.seconds >= 60 * 0.02
+    assert state.step > settings.steps  # minutes count, not steps
+    assert best.log[-1]["log2_error"] == min(entry["log2_error"] for entry in state.log)
+    with (tmp_path / CURVE).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["step"], row["step_m"]) for row in rows] == [
+        (str(entry["step"]), step) for entry in state.log for step in ("0.022", "0.102")
+    ]
+    assert {row["drive"] for row in rows} == {"other"}
+    with pytest.raises(SettingsError, match="minutes"):
+        RunSettings(**{**SMALL.__dict__, "minutes": -1.0})
+
+
+def test_images_that_stay_ready_give_what_new_ones_give() -> None:
+    """Kept to train faster: a stale one would teach the ranges of another scan or step."""
+    kept, quanta = PreparedScans(scans(3), 5, most=2), (10, 51)
+    for step in range(8):
+        new = PreparedScans(scans(3), 5, most=0)
+        one, two = (some.batch(quanta, 60, 2, runs.step_rng(1, step)) for some in (kept, new))
+        for a, b in zip(one, two, strict=True):
+            assert a.step == b.step
+            assert np.array_equal(a.ranges_m, b.ranges_m)
+            assert np.array_equal(a.contexts.features, b.contexts.features)
+
+
+def test_the_embedding_and_its_gradient_are_those_of_the_plain_maximum() -> None:
+    """Only neighbours that reach a maximum are trained on, to train faster: leaving out others must change nothing."""
+    runs.seed_torch(5)
+    net = RiddlePaper(NetShape(spatial=9, features=7, encoder=(8, 16), decoder=(12,))).double()
+    features = torch.randn(6, 9, 7, dtype=torch.float64)
+    features[:, 5:] = features[:, 5:6]  # as neighbours that are not there: all alike
+    wanted = torch.randn(6, 16, dtype=torch.float64)
+    found = []
+    for embedding in (net.encoder(features).amax(dim=1), net._embedding(features)):
+        net.zero_grad()
+        (embedding * wanted).sum().backward()
+        found.append([embedding.detach(), *(weights.grad.clone() for weights in net.encoder.parameters())])
+    for plain, quick in zip(*found, strict=True):
+        assert torch.allclose(plain, quick, atol=1e-12)
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
