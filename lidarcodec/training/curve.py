@@ -1,12 +1,17 @@
 """The course of a training: how much of it is done, and what the network reached on drives that it does not learn from.
 
-A training has a number of steps, or a time. With a time the learning rate falls by the clock, so that it is at its end
+A training has a number of steps, or a time. With a time the learning rate goes by the clock, so that it is at its end
 when the time is, however busy the machine. Such a run is continued where it was, but its weights depend on the machine.
+
+The rate stays at its peak for four fifths of the time, and falls then: so a run that is given more time on the way has
+lost nothing but the fall.
 
 >>> Length(steps=200).done(50, seconds=1e9), Length(minutes=2.0).done(50, seconds=30.0)
 (0.25, 0.25)
 >>> Length(minutes=2.0).over(10**9, seconds=119.0), Length(minutes=2.0).over(1, seconds=120.0)
 (False, True)
+>>> [round(rate_by_clock(step, done, peak=1.0), 3) for step, done in ((9, 0.1), (900, 0.8), (999, 0.9), (1100, 1.0))]
+[0.1, 1.0, 0.501, 0.003]
 """
 
 from __future__ import annotations
@@ -22,6 +27,9 @@ from typing import Any, Final
 from lidarcodec.errors import SourceError
 from lidarcodec.files.whole import written_whole
 
+WARM_UP: Final = 100
+FALL: Final = 0.2
+FLOOR: Final = 0.003
 TIMES: Final = {"seconds": "minutes", "processor": "processor_minutes"}
 """Entries of a log that are seconds, and their columns."""
 
@@ -41,6 +49,12 @@ class Length:
     def over(self, step: int, seconds: float) -> bool:
         """Whether it has ended."""
         return self.done(step, seconds) >= 1.0
+
+
+def rate_by_clock(step: int, done: float, *, peak: float) -> float:
+    """Learning rate of a step when a share `done` of the time is over: up over WARM_UP steps, down in the last FALL."""
+    left = min((1 - done) / FALL, 1.0)
+    return peak * min((step + 1) / WARM_UP, 1.0) * (FLOOR + (1 - FLOOR) * left)
 
 
 class Clock:

@@ -81,11 +81,7 @@ def rate_at(step: int, steps: int, *, peak: float, warm_up: int = 100, floor: fl
     warm_up = min(warm_up, steps)
     if step < warm_up:
         return peak * (step + 1) / warm_up
-    return rate_after((step - warm_up + 1) / max(steps - warm_up, 1), peak=peak, floor=floor)
-
-
-def rate_after(done: float, *, peak: float, floor: float = 0.003) -> float:
-    """Learning rate when a share `done` of a training is done: a cosine from `peak` down to `floor` times `peak`."""
+    done = (step - warm_up + 1) / max(steps - warm_up, 1)
     return peak * (floor + (1 - floor) * 0.5 * (1 + math.cos(math.pi * min(done, 1.0))))
 
 

@@ -22,7 +22,7 @@ from torch.nn import functional
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.training.annotation_folder import AnnotationFolder
-from lidarcodec.training.curve import Clock, Length, write_curve
+from lidarcodec.training.curve import Clock, Length, rate_by_clock, write_curve
 from lidarcodec.training.identity import digest_of
 from lidarcodec.training.nets.poconet import CLASSES, PocoNet
 from lidarcodec.training.poco_data import (
@@ -40,7 +40,6 @@ from lidarcodec.training.runs import (
     Checkpoint,
     choose_device,
     load_checkpoint,
-    rate_after,
     save_checkpoint,
     seed_torch,
     set_rate,
@@ -50,11 +49,9 @@ from lidarcodec.training.score_data import labelled
 from lidarcodec.training.score_metrics import Agreement
 
 SAVE_SECONDS: Final = 120.0
-MEASURE_SECONDS: Final = 300.0
+MEASURE_SECONDS: Final = 600.0
 VALIDATED: Final = 4
 """Labelled frames of a drive for the learning curve."""
-WARM_UP: Final = 50
-"""Steps in which the learning rate rises, if it falls by the clock."""
 LOW, HIGH, GROUND = range(CLASSES)
 
 
@@ -64,7 +61,7 @@ class PocoRun:
 
     points: points of a scan; None: 4096 * 30 on a GPU, otherwise 8192;  decay: of the learning rate in an epoch
     codeword_weight: lambda of equation 7; the paper does not give it
-    minutes: of training, instead of epochs; the rate then falls by the clock, as a cosine to nearly nothing
+    minutes: of training, instead of epochs; the rate then goes by the clock (`curve`)
     """
 
     seed: int = 1
@@ -91,8 +88,7 @@ class PocoRun:
         """The learning rate of a step."""
         if self.minutes is None:
             return self.rate * self.decay**epoch
-        warm = min((step + 1) / WARM_UP, 1.0)
-        return warm * rate_after(Length(minutes=self.minutes).done(step, seconds), peak=self.rate)
+        return rate_by_clock(step, Length(minutes=self.minutes).done(step, seconds), peak=self.rate)
 
 
 def train_poconet(

@@ -144,8 +144,8 @@ def _arguments() -> argparse.ArgumentParser:
     )
     train.add_argument("--steps", type=int, default=4000)
     train.add_argument(
-        "--minutes", type=float, help="train so long instead; the learning rate falls by the clock, and what was "
-        "reached is written every five minutes"
+        "--minutes", type=float, help="train so long instead; the learning rate goes by the clock, and what was "
+        "reached is written every ten minutes"
     )  # fmt: skip
     train.add_argument(
         "--validate", action="append", default=[], metavar="SOURCE", help="a drive for the learning curve (curve.csv): "

@@ -13,7 +13,7 @@ import torch
 
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.training import runs
-from lidarcodec.training.curve import Clock, Length, write_curve
+from lidarcodec.training.curve import Clock, Length, rate_by_clock, write_curve
 from lidarcodec.units import RANGE_STEP_M
 from research.riddle_paper import coding, measure
 from research.riddle_paper.context import FEATURES, SPATIAL, step_feature
@@ -28,11 +28,9 @@ CURVE_STEPS: Final = (11, 51)
 """Quantisation of the learning curve: that of docs/riddle-paper.md."""
 CURVE_RETURNS: Final = 1500
 """Drawn from each scan for it."""
-EVERY_SECONDS: Final = 300.0
+EVERY_SECONDS: Final = 600.0
 READY: Final = 800
 """Images that stay ready; a quarter of them with points of the scan before, which are four times as large."""
-WARM_UP: Final = 100
-"""Steps in which the learning rate rises."""
 _CHUNK: Final = 64
 """Returns that a CPU works on at once: what they need stays in its cache, which is twice as fast as 1024 together."""
 _MOST_GRADIENT: Final = 5.0
@@ -47,7 +45,7 @@ class RunSettings:
 
     temporal:  points of the scan before in a context; 0 is the intra variant, 100 the paper's, 50 its supplement's
     steps:     of the optimiser; batch: returns in each, from `frames` scans; quanta: range steps to quantise to
-    minutes:   of training, instead of steps; the learning rate then falls by the clock
+    minutes:   of training, instead of steps; the learning rate then goes by the clock
     rate:      peak of the learning rate; encoder, decoder: widths of the network
     """
 
@@ -84,8 +82,7 @@ class RunSettings:
         """The learning rate of a step."""
         if self.minutes is None:
             return runs.rate_at(step, self.steps, peak=self.rate)
-        warm = min((step + 1) / WARM_UP, 1.0)
-        return warm * runs.rate_after(Length(minutes=self.minutes).done(step, seconds), peak=self.rate)
+        return rate_by_clock(step, Length(minutes=self.minutes).done(step, seconds), peak=self.rate)
 
     def stored(self) -> dict[str, runs.Value]:
         """As a checkpoint keeps them."""

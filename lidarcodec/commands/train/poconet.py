@@ -52,7 +52,7 @@ def poconet(
         Option(
             "--minutes",
             metavar="M",
-            help="Train for M minutes instead of --epochs. The learning rate falls by the clock.",
+            help="Train for M minutes instead of --epochs. The learning rate falls in the last fifth.",
         ),
     ] = None,
     validate: Annotated[
@@ -60,7 +60,7 @@ def poconet(
         Option(
             "--validate",
             metavar="DIR",
-            help="Measure on this drive every five minutes, and keep the best network "
+            help="Measure on this drive every ten minutes, and keep the best network "
             "in NAME.best.pt beside FILE. Repeatable. NAME.curve.csv has what was measured.",
         ),
     ] = None,

@@ -93,14 +93,17 @@ def test_seeds_make_different_runs_and_the_same_seed_the_same(tmp_path: Path) ->
 
 @pytest.mark.sweep
 def test_a_training_by_the_clock_ends_in_time_with_a_curve_and_the_best_network(tmp_path: Path) -> None:
-    settings = RunSettings(**{**SMALL.__dict__, "minutes": 0.02})
+    long = RunSettings(**{**SMALL.__dict__, "steps": 1, "minutes": 60.0})
     other = {"other": scans(1, 70)}
-    train(scans(2), scans(1, 60), settings, tmp_path, every_seconds=0.3, validate=other, until=2)
-    train(scans(2), scans(1, 60), settings, tmp_path, every_seconds=0.3, validate=other)
+    train(scans(2), scans(1, 60), long, tmp_path, validate=other, until=2)  # minutes count, not steps
+    _, begun = load_net(tmp_path)
+    assert begun.step == 2
+    short = RunSettings(**{**SMALL.__dict__, "steps": 1, "minutes": begun.seconds / 60 + 0.005})
+    train(scans(2), scans(1, 60), short, tmp_path, every_seconds=0.1, validate=other)
     _, state = load_net(tmp_path)
+    assert state.step > 2
+    assert state.seconds >= begun.seconds + 0.3
     _, best = load_net(tmp_path, file=BEST)
-    assert state.seconds >= 60 * 0.02
-    assert state.step > settings.steps  # minutes count, not steps
     assert best.log[-1]["log2_error"] == min(entry["log2_error"] for entry in state.log)
     with (tmp_path / CURVE).open() as file:
         rows = list(csv.DictReader(file))
