@@ -101,6 +101,13 @@ def test_what_was_before_the_server_started_is_no_increase_of_now():
     assert (totals["frames"], totals["restarts"]) == (17, 1)
 
 
+def test_what_a_publisher_counts_in_its_first_second_is_new():
+    """It may fail at once: its errors would be in no count."""
+    totals = Totals()
+    totals.status(status("a", 3, errors={"encode errors": 7}))
+    assert (totals["frames"], totals["encode errors"], totals["restarts"]) == (3, 7, 0)
+
+
 def test_a_full_disk_of_a_vehicle_and_packets_that_it_lost_are_told_to_prometheus():
     fleet, keys = Fleet(), StreamKeys("car-7", "roof")
     metrics = Metrics(fleet)

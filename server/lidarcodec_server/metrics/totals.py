@@ -1,10 +1,11 @@
 """Totals: counts of a stream since the server saw it first. They survive restarts of its publisher and receivers.
 
-A publisher counts from zero at each start. The totals here only increase. What the first status counts was before:
-else an error of last week would be one of now whenever the server starts.
+A publisher counts from zero at each start. The totals here only increase. A publisher that has run for long when the
+server hears of it first has counted what was before: otherwise an error of last week would be one of now whenever the
+server starts. What one that has just started counts is new.
 
 >>> totals = Totals()
->>> totals.status({"stream_id": "one", "frames": 10}); totals.status({"stream_id": "one", "frames": 12})
+>>> totals.status({"stream_id": "one", "frames": 1000}); totals.status({"stream_id": "one", "frames": 1002})
 >>> totals.status({"stream_id": "two", "frames": 3})
 >>> totals["frames"], totals["restarts"]
 (5.0, 1.0)
@@ -24,6 +25,8 @@ SENT = ("frames", "messages", "bytes", "key_frames", "replaced", "no_receiver", 
 ERRORS = ("encode errors", "put errors")
 LOST = ("lost packets", "kernel drops", "queue drops")
 UNSTORED = ("dropped", "not recorded")
+JUST_STARTED = 50
+"""A publisher that has made at most so many frames has just started: its first status comes within a second."""
 RECEIVED = ("frames", "missing", "decode_errors", "missing_references")
 TIMES = {"encode": "encode_ms", "put": "put_ms"}
 RECEIVED_TIMES = {"decode": "decode", "latency": "latency"}
@@ -61,7 +64,9 @@ class Totals:
         return out, self[f"{name} sum"] / 1e3
 
     def status(self, status: dict[str, Any]) -> None:
-        """Add a publisher's status: its own counts, and those of receivers in it. The first one adds nothing."""
+        """Add a publisher's status: its own counts, and those of receivers in it. The first one of a stream adds
+        nothing, unless its publisher has just started.
+        """
         start = status.get("stream_id")
         if not isinstance(start, str) or len(start) > 64:
             return
@@ -81,7 +86,9 @@ class Totals:
                 self.take(f"receiver {receiver[:64]} {report.get('start')}", _received(report))
         if not self._begun:
             self._begun = True
-            self._sums.clear()
+            made = sum(self[name] for name in ("frames", "replaced", "no_receiver", "left_out"))
+            if made > JUST_STARTED:
+                self._sums.clear()
 
 
 def _record(value: object) -> dict[str, Any]:
