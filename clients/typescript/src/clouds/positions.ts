@@ -63,7 +63,7 @@ export function readPositions(data: Uint8Array, cells: Cells, n: Uint32Array): P
   return { geometry, k, xyz };
 }
 
-/** A coordinate from what is told of it and what is left. */
+/** A coordinate from its prediction and what is left. */
 function bitsOf(told: number, rest: number, { form, unit }: Left): number {
   if (form === LAST_PLACES)
     return bitsOfOrdered(Math.min(Math.max(ordered(told) + rest, -(2 ** 31)), 2 ** 31 - 1));

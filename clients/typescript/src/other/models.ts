@@ -1,5 +1,5 @@
 /** Models of sensors that send blocks, as `lidarcodec/sensors/models` has them: docs/sensors.md, "Layouts".
- * tests/clients/test_typescript_models.py compares them. */
+ * tests/clients/test_typescript.py compares them. */
 
 export interface BlockModel {
   /** Laser of each row, from the top beam down. */

@@ -54,7 +54,7 @@ export interface Told {
 }
 
 const MS = 1e6;
-/** The vehicle is asked every few seconds; what is older than this is said to be old. */
+/** The vehicle is asked every few seconds; an older answer is shown with its time. */
 const OLD_MS = 20_000;
 /** On older knowledge nothing is fetched as "the last seconds". */
 const TOO_OLD_MS = 60_000;

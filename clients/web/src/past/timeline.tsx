@@ -15,7 +15,7 @@ interface Props {
   recorded: Span[] | null;
 }
 
-/** Which times are on the vehicle, and which are here in which quality. The same is said in words to readers of screens. */
+/** Which times are on the vehicle, and which are here in which quality. Screen readers get the same in words. */
 export function TimeLine({ beginMs, endMs, vehicle, asOf, here, coming, recorded }: Props) {
   const bars = (spans: Span[] | null) => barsOf(spans ?? [], beginMs, endMs);
   const text = (spans: Span[] | null) => (spans === null ? "not known now" : rowText(spans));

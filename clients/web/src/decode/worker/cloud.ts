@@ -95,7 +95,7 @@ export function cloudImage(cloud: Cloud, rows: number): CloudImage {
   return painted(drawn, points.range, intensitiesOf(message), chosen, found.place.length);
 }
 
-/** The directions of rows, for what viewers are told of a sensor. */
+/** The directions of rows, for the facts about a sensor that viewers get. */
 export function ringsOf(
   { name, model, hash }: DescribedSensor,
   { rows, rotation, elevation, stepM }: CloudImage,

@@ -51,7 +51,7 @@ export function packImage(image: Image, nowMs: number): ArrayBuffer {
   view.setBigInt64(32, BigInt(Math.round(nowMs * 1000)) * 1000n, true);
   view.setUint16(40, image.codec, true);
   view.setUint16(42, (intensity ? INTENSITY : 0) | (pose ? POSE : 0) | (filled ? FILLED | MADE_UP : 0), true);
-  view.setFloat32(56, Number.NaN, true); // two clocks: whoever shows it knows how far they are apart
+  view.setFloat32(56, Number.NaN, true); // two clocks: only the page knows how far they are apart
   view.setFloat32(60, image.rangeStep, true);
   view.setUint16(76, width, true);
   view.setUint16(78, rows, true);

@@ -20,7 +20,7 @@ export interface Decoded {
   /** As the cloud socket sends it, form range with intensities. */
   readonly data: ArrayBuffer;
   readonly sensor: SensorFacts;
-  /** Number of what is told of the sensor: another one where a viewer has to be told again. */
+  /** Number of these facts about the sensor: it changes when they do. */
   readonly told: number;
 }
 

@@ -8,7 +8,7 @@ import { type PoseEvent, Where } from "./where";
 
 export class Town {
   tiles: MapTiles | null = null;
-  /** What is said of the sensor's place, for people, and whether that is unknown. Empty while nothing is said. */
+  /** The sensor's place, for people, and whether it is lost. Empty while no program reports it. */
   line = "";
   lost = false;
   readonly #where = new Where();
@@ -42,7 +42,7 @@ export class Town {
     return at && frame?.pose && motion.known ? this.#further(at, frame.pose, motion.pose) : at;
   }
 
-  /** Look again at what is said: it grows old. True if that changed. */
+  /** Look again at what programs report: it grows old. True if that changed. */
   look(now: number): boolean {
     const name = this.tiles?.name ?? null;
     const before = this.line;

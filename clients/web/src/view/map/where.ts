@@ -104,7 +104,7 @@ export class Where {
     return this.#of(map, now)?.pose === null;
   }
 
-  /** What counts: what is said of the map that is drawn before all else, then a known pose, then the newest. */
+  /** What counts: a report in the map that is drawn before all else, then a known pose, then the newest. */
   #of(map: string | null, now: number): Heard | null {
     let found: Heard | null = null;
     const rank = ({ told, pose }: Heard) => (told.map === map ? 2 : 0) + (pose ? 1 : 0);

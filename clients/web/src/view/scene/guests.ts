@@ -111,7 +111,7 @@ export class Guests {
     }
   }
 
-  /** Show the legend, and count what the page is told. renderer: null while the card is away */
+  /** Show the legend, and count the points for the page. renderer: null while the card is away */
   report(main: Main, scene: Scene, renderer: Renderer | null, legend: Legend, now: number) {
     const streams = this.#legend(main, scene.theme, now);
     legend.show(streams, scene.colour === "stream");
