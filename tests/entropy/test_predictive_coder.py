@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import PredictiveCoder, predictive_coder, predictive_tables
+from lidarcodec.entropy import PredictiveCoder, predictive_coder
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
@@ -20,6 +20,7 @@ from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calib
 from tests.reference import predictive
 from tests.reference.predictive import FREE, QUICK, Given, Model
 from tests.sweeps import examples
+from tools import predictive_tables
 
 SENSOR = sensor()
 LEVELS = (np.arange(64) * 37 % 130).astype(np.int32)

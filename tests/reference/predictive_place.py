@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from lidarcodec.entropy import predictive_tables as tables
+from tools import predictive_tables as tables
 
 MAX_DIFFERENCE: Final = 1 << 20
 MARGIN: Final = 8

@@ -1,4 +1,4 @@
-// Made by lidarcodec/entropy/predictive_tables.py, which says what these are. Not to be edited.
+// Made by tools/predictive_tables.py, which says what these are. Not to be edited.
 // clang-format off
 #pragma once
 #include <cstdint>

@@ -11,7 +11,7 @@ narrow that ranges are about as likely anywhere in a leaf, and nothing is to be 
 (research/notes/narrow-leaves.md).
 
 The C++ compiler and libm of a machine have no part in it, so that all machines agree.
-    python -m lidarcodec.entropy.predictive_tables > native/src/predictive/tables.hpp
+    python -m tools.predictive_tables > native/src/predictive/tables.hpp
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def header() -> str:
     classes = range(CLASSES)
     beyond = ", ".join(str(beyond_bits(c)) for c in classes)
     parts = [
-        "// Made by lidarcodec/entropy/predictive_tables.py, which says what these are. Not to be edited.",
+        "// Made by tools/predictive_tables.py, which says what these are. Not to be edited.",
         "// clang-format off",
         "#pragma once\n#include <cstdint>\n\nnamespace lidarcodec {\n",
         f"inline constexpr std::uint32_t kScaleClasses = {CLASSES};",
