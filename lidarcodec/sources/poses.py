@@ -6,7 +6,8 @@
 
 Times from the start of a drive (KITTI odometry) are `relative`, and so are times made for a file without any (one pose
 for each turn of 103.4 ms); `starting` moves them to the start of the stream. Between two poses the position is linear
-in time and the rotation is a slerp. Poses are extrapolated by at most one interval; beyond that none is known.
+in time and the rotation is a slerp. Poses are extrapolated by at most one interval; beyond that none is known. Nor is
+one in a hole over which the sensor moved: nobody knows by which way.
 
 >>> ahead = np.eye(4)
 >>> ahead[0, 3] = 2.0
@@ -35,6 +36,13 @@ logger = logging.getLogger(__name__)
 NPZ_POSES: Final = ("T_world_velo", "T_world_sensor")
 NPZ_TIMES: Final = ("velo_mid", "stamps", "time")
 MAX_COLUMNS: Final = 16
+HOLE_NS: Final = 1_000_000_000
+HOLE_STEPS: Final = 5
+"""A hole is longer than a second, and than so many usual steps between two poses."""
+STANDS_M: Final = 2.0
+STANDS: Final = math.cos(math.radians(5.0) / 2)
+"""A sensor that is no farther than this from where it was, turned by less than 5 degrees, stood: poses of a SLAM come
+only where it moves. STANDS is the least product of the two quaternions."""
 
 Matrix = npt.NDArray[np.float64]
 
@@ -62,6 +70,15 @@ class Poses:
         self.positions = np.ascontiguousarray(matrices[:, :3, 3], dtype=np.float64)
         self.quaternions = _quaternions(turns)
         self.relative = relative
+        self._find_holes()
+
+    def _find_holes(self) -> None:
+        """Which steps from a pose to the next are holes, over which the sensor moved."""
+        steps = np.diff(self.stamps_ns)
+        self._usual_ns = float(np.median(steps)) if len(steps) else 0.0
+        moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=1) > STANDS_M
+        moved |= np.abs((self.quaternions[1:] * self.quaternions[:-1]).sum(axis=1)) < STANDS
+        self._holes = (steps > max(HOLE_NS, HOLE_STEPS * self._usual_ns)) & moved
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -72,6 +89,10 @@ class Poses:
         if len(stamps) == 1:
             return _matrix(self.positions[0], self.quaternions[0]) if stamp_ns == stamps[0] else None
         after = min(max(int(np.searchsorted(stamps, stamp_ns)), 1), len(stamps) - 1)
+        if self._holes[after - 1]:
+            after = self._beside(after, stamp_ns)
+        if self._holes[after - 1]:
+            return None
         start, end = int(stamps[after - 1]), int(stamps[after])
         part = (stamp_ns - start) / (end - start)
         if not -1.0 <= part <= 2.0:
@@ -79,17 +100,28 @@ class Poses:
         position = self.positions[after - 1] + part * (self.positions[after] - self.positions[after - 1])
         return _matrix(position, _slerp(self.quaternions[after - 1], self.quaternions[after], part))
 
+    def _beside(self, after: int, stamp_ns: int) -> int:
+        """For a time in the step to pose `after`, a hole: the step before it or behind it, if that is near."""
+        if after > 1 and stamp_ns - self.stamps_ns[after - 1] <= self._usual_ns:
+            return after - 1
+        near = self.stamps_ns[after] - stamp_ns <= self._usual_ns
+        return after + 1 if near and after + 1 < len(self.stamps_ns) else after
+
     def tell_unknown(self, stamp_ns: int) -> None:
         """Warn once that no pose is known at a host time, so that frames are sent without a pose."""
         if not self._warned:
             self._warned = True
-            first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
+            stamps = self.stamps_ns
+            if stamps[0] < stamp_ns < stamps[-1]:
+                after = int(np.searchsorted(stamps, stamp_ns))
+                why = "have a hole, over which the sensor moved, from {} to {}"
+                ends = stamps[after - 1], stamps[after]
+            else:
+                why, ends = "cover only {} to {}", (stamps[0], stamps[-1])
             logger.warning(
-                "frames from %s on are sent without a pose, because the poses cover only %s to %s",
-                _time_text(stamp_ns),
-                first,
-                last,
-            )
+                "frames from %s on are sent without a pose, because the poses %s",
+                _time_text(stamp_ns), why.format(*(_time_text(int(end)) for end in ends)),
+            )  # fmt: skip
 
     def seen_from(self, T_vehicle_sensor: Matrix) -> Poses:
         """These poses, which are of a vehicle, as those of a sensor on it. T_vehicle_sensor: (4, 4)"""
@@ -102,6 +134,7 @@ class Poses:
         moved = object.__new__(Poses)
         moved.stamps_ns, moved.relative = self.stamps_ns + start_ns, False
         moved.positions, moved.quaternions = self.positions, self.quaternions
+        moved._find_holes()
         return moved
 
 

@@ -136,3 +136,44 @@ def test_poses_of_another_time_are_told_once(caplog):
     assert [posed(frame, poses).pose for _ in range(3)] == [None] * 3
     (record,) = caplog.records
     assert "1970-01-01T00:00:00.000 UTC to 1970-01-01T00:00:01.000 UTC" in record.message
+
+
+def rows(*moments):
+    """Poses at 10 Hz and 10 m/s, of these tenths of a second alone."""
+    places = np.array(moments, np.float64)
+    return Poses(np.array(moments) * 10**8, np.stack([turned(0, at) for at in places]))
+
+
+def test_in_a_hole_over_which_the_sensor_moved_nothing_is_known(caplog):
+    """As in a tunnel, or where `localise` was lost: a straight line there, told by nobody, bends a map."""
+    poses = rows(*range(11), *range(41, 52))
+    assert poses.at(20 * 10**8) is None
+    assert poses.at(11 * 10**8 + 1) is None
+    assert np.allclose(poses.at(11 * 10**8), turned(0, 11))
+    assert np.allclose(poses.at(40 * 10**8), turned(0, 40))
+    assert poses.at(40 * 10**8 - 1) is None
+    assert np.allclose(poses.at(10 * 10**8 + 3), turned(0, 10), atol=1e-6)
+    frame = scene(1)
+    assert posed(frame.with_(stamp_ns=25 * 10**8), poses).pose is None
+    (record,) = caplog.records
+    assert "a hole, over which the sensor moved, from 1970-01-01T00:00:01.000 UTC to 1970-01-01T00:00:04" in (
+        record.message
+    )
+    assert poses.starting(0).at(20 * 10**8) is None
+    assert poses.seen_from(np.eye(4)).at(20 * 10**8) is None
+
+
+def test_relative_poses_keep_their_holes():
+    moments = [*range(11), *range(41, 52)]
+    known = rows(*moments)
+    relative = Poses(known.stamps_ns, np.stack([turned(0, at) for at in moments]), relative=True).starting(10**18)
+    assert relative.at(10**18 + 20 * 10**8) is None
+    assert relative.at(10**18 + 5 * 10**8) is not None
+
+
+def test_a_sensor_that_stood_and_poses_that_are_far_apart_make_no_hole():
+    moments = np.array([*range(11), *range(100, 111)])
+    places = np.stack([turned(0, min(at, 10) + max(at - 100, 0)) for at in moments])
+    assert np.allclose(Poses(moments * 10**8, places).at(50 * 10**8), turned(0, 10))
+    assert rows(0, 20, 40, 110, 130).at(75 * 10**8) is not None
+    assert rows(0, 1, 2, 3, 11, 12).at(7 * 10**8) is not None
