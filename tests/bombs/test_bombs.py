@@ -1,7 +1,9 @@
 """Files that are made to be dear stay within the budget of their kind: memory, processor time, no temporary disk."""
 
 import ast
+import fcntl
 import json
+import os
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -41,13 +43,25 @@ DEAR = (
 
 @pytest.fixture(scope="module")
 def results(request, tmp_path_factory):
-    here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
-    names = [item.callspec.params["name"] for item in here]
-    command = [sys.executable, "-P", "-m", "tests.bombs.run", str(tmp_path_factory.mktemp("bombs")), *names]
+    """What became of each file. One process opens all of them, for all processes of `pytest -n`."""
+    base = tmp_path_factory.getbasetemp()
+    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    told = folder / "bombs.jsonl"
+    with (folder / "bombs.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not told.exists():
+            here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+            told.write_text(opened([item.callspec.params["name"] for item in here], tmp_path_factory.mktemp("bombs")))
+    return {found["name"]: found for found in map(json.loads, told.read_text().splitlines())}
+
+
+def opened(names, folder):
+    """A line for each of these files."""
+    command = [sys.executable, "-P", "-m", "tests.bombs.run", str(folder), *names]
     environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    return {found["name"]: found for found in map(json.loads, done.stdout.splitlines())}
+    return done.stdout
 
 
 @pytest.mark.parametrize("name", sampled(BOMBS, [name for name in BOMBS if name not in DEAR]))
