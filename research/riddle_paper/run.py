@@ -19,10 +19,11 @@ from research.riddle_paper import coding, measure
 from research.riddle_paper.context import FEATURES, SPATIAL, step_feature
 from research.riddle_paper.data import PreparedScans, Samples, Scan
 from research.riddle_paper.net import RESIDUAL_UNIT_M, NetShape, RiddlePaper, loss_of, predicted
+from research.riddle_paper.residuals import entropy_bits
 
 CHECKPOINT: Final = "checkpoint.pt"
 BEST: Final = "best.pt"
-"""The network with the least error on scans that were held out."""
+"""The network whose residuals were cheapest on scans that were held out."""
 CURVE: Final = "curve.csv"
 CURVE_STEPS: Final = (11, 51)
 """Quantisation of the learning curve: that of docs/riddle-paper.md."""
@@ -128,7 +129,7 @@ def train(
 
     A run may be given another number of steps, or of minutes, on the way: from there on the learning rate follows it.
     held_out: scans to measure on, every `every` steps, or every `every_seconds` of a training by the clock. Then the
-    checkpoint is written too, and as BEST if no other reached as little an error on them
+    checkpoint is written too, and as BEST if no residuals of another were as cheap on them
     validate: scans of drives by name, for the learning curve alone (CURVE)
     Raises SettingsError if the folder holds a run under other settings, or no scan suits the variant.
     """
@@ -172,7 +173,7 @@ def train(
             measured |= {"seconds": state.seconds, "processor": clock.processor}
             log.append(measured)
             state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
-            if held_out and measured["log2_error"] <= min(row.get("log2_error", math.inf) for row in log):
+            if held_out and measured["held_out_bits"] <= min(row.get("held_out_bits", math.inf) for row in log):
                 runs.save_checkpoint(folder / BEST, state)
             runs.save_checkpoint(folder / CHECKPOINT, state)
             write_curve(folder / CURVE, log)
@@ -258,32 +259,36 @@ def _learn(
 
 
 def _measure(
-    net: RiddlePaper, scans: list[Scan], settings: RunSettings, device: torch.device, count: int = 2048
-) -> dict[str, runs.Value]:
-    """What the network reaches on scans it has not seen: the same returns every time."""
+    net: RiddlePaper, scans: list[Scan], settings: RunSettings, device: torch.device, count: int = 4096
+) -> dict[str, Any]:
+    """What the network reaches on scans it has not seen: the same returns every time.
+
+    held_out_bits: entropy of the residuals, a return, each scan in a code of its own; what is to be least
+    """
     if not scans:
         return {}
     rng = runs.step_rng(settings.seed, _VALIDATION_STEP)
-    frames = min(4, len(scans))
-    parts = PreparedScans(scans, settings.temporal).batch(settings.quanta, count, frames, rng)
+    parts = PreparedScans(scans, settings.temporal).batch(settings.quanta, count, min(8, len(scans)), rng)
     net.eval()
-    right, near, apart, before, held = 0, 0, 0.0, 0.0, 0
+    right, near, bits, before, held = 0, 0, 0.0, 0.0, 0
     with torch.inference_mode():
         for part in parts:
             tensors, step_m = _tensors(part, device), part.step * RANGE_STEP_M
-            before += float(np.log2(1 + np.abs(part.contexts.before_m - part.ranges_m) / 0.01).sum())
+            left = []
             chunks = zip(*(tensor.split(_CHUNK) for tensor in tensors), strict=True)
             for features, valid, steps, anchor, _, anchors, ranges in chunks:
                 logits, residuals = net(features, valid, steps)
-                off = (torch.round(predicted(logits, residuals, anchors) / step_m) * step_m - ranges).abs()
+                apart = torch.round(ranges / step_m) - torch.round(predicted(logits, residuals, anchors) / step_m)
                 right += int((logits.argmax(dim=1) == anchor).sum())
-                near += int((off <= 0.1 + 1e-4).sum())
-                apart += float(torch.log2(1 + off / 0.01).sum())
-                held += len(ranges)
+                near += int((apart.abs() * step_m <= 0.1 + 1e-4).sum())
+                left.append(apart.to(torch.int64).cpu().numpy())
+            bits += entropy_bits(np.concatenate([np.zeros(0, np.int64), *left]))
+            before += entropy_bits(np.rint((part.ranges_m - part.contexts.before_m) / step_m).astype(np.int64))
+            held += len(part.ranges_m)
     held = max(held, 1)
     return {
         "anchors_right": right / held,
         "within_10_cm": near / held,
-        "log2_error": apart / held,  # mean of log2(1 + error / 1 cm): about what a residual costs
-        "previous_valid_log2_error": before / held,
+        "held_out_bits": bits / held,
+        "previous_valid_held_out_bits": before / held,
     }

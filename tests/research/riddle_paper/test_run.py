@@ -104,7 +104,7 @@ def test_a_training_by_the_clock_ends_in_time_with_a_curve_and_the_best_network(
     assert state.step > 2
     assert state.seconds >= begun.seconds + 0.3
     _, best = load_net(tmp_path, file=BEST)
-    assert best.log[-1]["log2_error"] == min(entry["log2_error"] for entry in state.log)
+    assert best.log[-1]["held_out_bits"] == min(entry["held_out_bits"] for entry in state.log)
     with (tmp_path / CURVE).open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["step"], row["step_m"]) for row in rows] == [
