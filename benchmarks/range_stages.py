@@ -123,7 +123,7 @@ def fed(given: list[Frame]) -> bytes:
         of_frame = (frame.azimuth, frame.fired, frame.sensor)
         motion = finder.next(frame, history).motion
         expected = history.expected(motion, *of_frame)
-        history.remember(frame.range, *of_frame)
-        parts += [np.uint32(frame.width), frame.range, frame.valid.astype(np.uint8)]
+        history.remember(frame.range_u16, *of_frame)
+        parts += [np.uint32(frame.width), frame.range_u16, frame.valid.astype(np.uint8)]
         parts += [frame.fired.astype(np.uint8), expected]
     return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
