@@ -39,10 +39,10 @@ MAX_COLUMNS: Final = 16
 HOLE_NS: Final = 1_000_000_000
 HOLE_STEPS: Final = 5
 """A hole is longer than a second, and than so many usual steps between two poses."""
-STANDS_M: Final = 2.0
+STANDS_M: Final = 5.0
 STANDS: Final = math.cos(math.radians(5.0) / 2)
-"""A sensor that is no farther than this from where it was, turned by less than 5 degrees, stood: poses of a SLAM come
-only where it moves. STANDS is the least product of the two quaternions."""
+"""A sensor that is no farther than this from where it was, turned by less than 5 degrees, stood, or crept straight on:
+poses of a SLAM come only where it moved by a metre or a few. STANDS is the least product of the two quaternions."""
 
 Matrix = npt.NDArray[np.float64]
 
