@@ -166,6 +166,22 @@ def test_native_and_reference_expect_the_same(seed: int) -> None:
     assert expected.any() or seed
 
 
+@pytest.mark.parametrize("first", [35_940, 8_970])
+def test_a_part_of_a_turn_expects_what_the_reference_does(first: int) -> None:
+    """Only what a part can see is computed. Who left out too much would decode other ranges, without an error."""
+    model = sensor()
+    native, reference = RangeHistory(), ReferenceHistory()
+    around = AZIMUTHS[:, ::6]
+    ranges = scene(model, around, 0.0)
+    native.remember(ranges, around, everywhere(around), model)
+    reference.remember(ranges, around, everywhere(around), beam_rows(model))
+    part = ((first + np.arange(0, 360, 18)) % 36000 + np.zeros((2, 1), int)).astype(np.uint16)
+    motion, fired = moved(1.0, 0.05), everywhere(part)
+    expected = native.expected(motion, part, fired, model)
+    assert np.array_equal(expected, reference.expected(motion.numbers, part, fired, beam_rows(model)))
+    assert (expected > 0).mean() > 0.3
+
+
 def test_every_build_expects_the_same() -> None:
     """Made with gcc 12 -O3; other compilers, levels and machines must give it too, or streams cannot be shared."""
     digest, model = hashlib.sha256(), sensor()

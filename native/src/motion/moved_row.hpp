@@ -13,19 +13,21 @@
 
 namespace lidarcodec {
 
-// The slots of a half that hold an azimuth, with its cosine and sine.
+// The slots of a half that hold an azimuth in some sectors, with its cosine and sine.
 struct TakenSlots {
   std::vector<std::uint16_t> slot;
   std::vector<Angle> angle;
   std::vector<CosSin> azimuth_cs;
 
-  // other: the other half, which mostly fired at the same azimuths.
-  TakenSlots(const RangeHistory& history, std::size_t half, const TakenSlots* other) {
+  // sectors: a bit for each. other: the other half, which mostly fired at the same azimuths.
+  TakenSlots(const RangeHistory& history, std::size_t half, std::uint64_t sectors, const TakenSlots* other) {
     const std::uint16_t* azimuths = history.azimuths(half);
     for (std::size_t s = 0; s < kSlots; ++s) {
       if (azimuths[s] == kNoAzimuth) continue;
+      const Angle at = angle_of_azimuth(azimuths[s]);
+      if ((sectors >> sector_of(at) & 1u) == 0) continue;
       slot.push_back(static_cast<std::uint16_t>(s));
-      angle.push_back(angle_of_azimuth(azimuths[s]));
+      angle.push_back(at);
     }
     azimuth_cs.reserve(angle.size());
     const bool same = other != nullptr && other->angle.size() == angle.size();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <bitset>
 #include <memory>
 
@@ -53,6 +54,14 @@ std::bitset<kSectors> dilated(const std::bitset<kSectors>& sectors, std::size_t 
   return wide;
 }
 
+// The sectors of azimuths at which a row may have seen one of the sources; a bit for each, as in `sources`.
+std::uint64_t azimuths_of(std::uint64_t sources, const Beams& beams) {
+  static_assert(kSectors == 64);
+  std::uint64_t azimuths = 0;
+  for (const Beam& beam : beams) azimuths |= std::rotl(sources, static_cast<int>(sector_of(beam.rotation)));
+  return azimuths | std::rotl(azimuths, 1);
+}
+
 // Lasers sit to the left and to the right of the sensor's axis. The rows of a side share one surface.
 struct LaserSide {
   std::vector<std::uint8_t> rows;
@@ -68,6 +77,27 @@ struct LaserSide {
   }
 };
 
+// The fours of directions in which lengths of these rows are read, a 1 for each: those with a beam in them, or with the
+// direction after a beam.
+constexpr std::size_t kFours = kDirections / 4;
+using FourFlags = std::array<std::uint8_t, kFours>;
+FourFlags read_fours(const std::array<Fired, 2>& fired, const BeamTable& table, const Beams& beams,
+                     const std::vector<std::uint8_t>& rows) {
+  constexpr Angle kFourWidth = 4 * kDirectionWidth;
+  std::array<FourFlags, 2> blocks{};
+  for (std::size_t h = 0; h < 2; ++h)
+    for (const Angle angle : fired[h].angle) blocks[h][angle / kFourWidth] = 1;
+  FourFlags begins{}, fours{};  // begins: of each beam the four that it is in, or the one before
+  for (const std::size_t row : rows) {
+    const FourFlags& block = blocks[table.half[row]];
+    const std::size_t turned = (0u - beams[row].rotation) / kFourWidth;
+    for (std::size_t four = 0; four < kFours; ++four) begins[(four + turned) % kFours] |= block[four];
+  }
+  for (std::size_t four = 0; four < kFours; ++four)
+    fours[four] = begins[four] | begins[(four + kFours - 1) % kFours] | begins[(four + kFours - 2) % kFours];
+  return fours;
+}
+
 template <class Form>
 [[gnu::always_inline]] inline std::vector<std::uint16_t> expect(const RangeHistory& history, const BeamTable& table,
                                                                 const Motion& motion, const Columns& columns) {
@@ -79,19 +109,18 @@ template <class Form>
   if (needed.none()) return expected;
 
   const std::array<LaserSide, 2> sides = {LaserSide(beams, false), LaserSide(beams, true)};
-  const TakenSlots upper(history, 0, nullptr), lower(history, 1, &upper);
-  const std::bitset<kSectors> sources = dilated(needed, 3), seen = dilated(needed, 1);
+  const std::uint64_t sources = dilated(needed, 3).to_ullong(), azimuths = azimuths_of(sources, beams);
+  const TakenSlots upper(history, 0, azimuths, nullptr), lower(history, 1, azimuths, &upper);
   // One allocation for both sides: the system takes smaller ones back when they are freed. Not cleared, which would
   // take time.
   const std::unique_ptr<Place[]> places(new Place[2 * Surface::kPlaces]);
   const std::unique_ptr<std::int32_t[]> lengths(new std::int32_t[2 * Surface::kPlaces]);
-  if (!seen.all()) std::fill_n(lengths.get(), 2 * Surface::kPlaces, 0);
   std::array<Surface, 2> surfaces = {
       Surface(beams, sides[0].rows, places.get(), lengths.get()),
       Surface(beams, sides[1].rows, places.get() + Surface::kPlaces, lengths.get() + Surface::kPlaces)};
   MovedRow moved;
   for (std::size_t row = 0; row < kRows; ++row) {
-    moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
+    moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources);
     for (std::size_t side = 0; side < 2; ++side) {
       const bool own = (beams[row].horizontal_offset < 0) == (side == 1);
       if (!sides[side].rows.empty())
@@ -100,9 +129,10 @@ template <class Form>
   }
   for (std::size_t side = 0; side < 2; ++side) {
     if (sides[side].rows.empty()) continue;
-    for (std::size_t direction = 0; direction < kDirections; direction += 4)
-      if (seen[direction * kSectors / kDirections]) surfaces[side].template cross<Form>(direction);
-    surfaces[side].close();
+    const FourFlags fours = read_fours(fired, table, beams, sides[side].rows);
+    for (std::size_t four = 0; four < kFours; ++four)
+      if (fours[four] != 0) surfaces[side].template cross<Form>(4 * four);
+    if (fours[0] != 0) surfaces[side].close();
     for (const std::size_t row : sides[side].rows) {
       const RowHits hits = surfaces[side].hits_of(row);
       const Fired& half = fired[table.half[row]];

@@ -9,8 +9,8 @@
 
 namespace lidarcodec {
 
-// (64, W), range steps, 0 where nothing is known. Takes 4 MiB and 7 ms for a frame of a turn. Raises Section if
-// an azimuth is out of range.
+// (64, W), range steps, 0 where nothing is known. Takes 4 MiB, and 5 ms for a frame of a turn, 2 ms for a quarter of
+// one. Raises Section if an azimuth is out of range.
 std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const BeamTable& table, const Motion& motion,
                                            const Columns& columns);
 

@@ -79,8 +79,8 @@ class Surface {
   static constexpr std::size_t kStride = kDirections + 8;
   static constexpr std::size_t kPlaces = kStride * kRows;
 
-  // rows: those whose beams are intersected, from the top. points, hits: kPlaces each; `hits` is 0 where `cross` is not
-  // called. Call `ring` for each row first.
+  // rows: those whose beams are intersected, from the top. points, hits: kPlaces each; `hits` is written where `cross`
+  // is called. Call `ring` for each row first.
   Surface(const Beams& beams, const std::vector<std::uint8_t>& rows, Place* points, std::int32_t* hits)
       : beams_(beams), rows_(rows), points_(points), hits_(hits) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -103,10 +103,10 @@ class Surface {
   template <class Form>
   void cross(std::size_t direction);
 
-  // The hits of a row's beam. Call `close` first.
+  // The hits of a row's beam.
   RowHits hits_of(std::size_t row) const { return RowHits(hits_ + row * kStride, beams_[row].distance_correction); }
 
-  // Repeats the first direction of each row after the last one.
+  // Repeats the first direction of each row after the last one. Call `cross` for it first.
   void close() {
     for (const std::size_t row : rows_) hits_[row * kStride + kDirections] = hits_[row * kStride];
   }
