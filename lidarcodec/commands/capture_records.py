@@ -5,11 +5,14 @@ from __future__ import annotations
 import logging
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
 from lidarcodec.budgets import FileTooLargeError, read_file
-from lidarcodec.errors import CalibrationError, SourceError
+from lidarcodec.errors import CalibrationError, LidarCodecError, SourceError
+from lidarcodec.sensors.calibration_kinds import kind_in
+from lidarcodec.sources import open_source
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +26,9 @@ ORDERS: Final = {
 """Magic numbers of classic pcap files, with microseconds and with nanoseconds, and their byte order."""
 NANOSECONDS: Final = (b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
 """Those whose fractions of seconds are nanoseconds."""
+CALIBRATION: Final = "_db.xml"
+ENDINGS: Final = (CALIBRATION, ".yaml", ".csv", ".json")
+"""Of calibrations, and of an Ouster's metadata, beside a capture."""
 _MAX_RECORD: Final = 1 << 18
 
 
@@ -83,6 +89,44 @@ def read_table(path: Path) -> bytes:
         raise CalibrationError(f"{path}: {error}") from None
 
 
-def calibration_of(path: Path) -> Path:
-    """Path of the calibration beside a capture."""
-    return path.with_name(f"{path.stem}_db.xml")
+def named_beside(path: Path, ending: str) -> Path:
+    """Path of a file beside a capture, of the same name but for its ending."""
+    return path.with_name(path.stem + ending)
+
+
+def tables_of(path: Path) -> dict[str, bytes]:
+    """Calibration and metadata beside a capture, by the ending of a file that is found beside a copy of it: of the
+    same name, or what is used for want of such a one.
+
+    Raises CalibrationError for one that is too large.
+    """
+    found: dict[str, bytes] = {}
+    for ending in ENDINGS:
+        place = named_beside(path, ending)
+        if place == path or not place.is_file():
+            continue
+        if ending == CALIBRATION:
+            found[ending] = read_table(place)
+            continue
+        with suppress(OSError, FileTooLargeError):  # a .csv may be points
+            data = read_file(place, "calibration")
+            if kind_in(data) is not None:
+                found[ending] = data
+    return found or _used_of(path)
+
+
+def _used_of(path: Path) -> dict[str, bytes]:
+    """The calibration of another name in the folder of a capture, which its parts elsewhere would lack."""
+    if path.with_name("db.xml").is_file():
+        return {CALIBRATION: read_table(path.with_name("db.xml"))}
+    if not any(one.suffix.lower() == ".json" for one in path.parent.iterdir()):
+        return {}
+    with suppress(LidarCodecError), open_source(path) as source:
+        if source.sensor.origin == "beside" and source.sensor.description:
+            return {".json": source.sensor.description}
+    return {}
+
+
+def said_beside(path: Path) -> str:
+    """What a file of `tables_of` is, and where, for people."""
+    return f"{'metadata' if path.suffix == '.json' else 'calibration'} in {path}"

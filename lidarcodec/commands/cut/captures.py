@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from lidarcodec.commands.capture_records import NANOSECONDS, ORDERS, calibration_of, opened, read_table, records
+from lidarcodec.commands.capture_records import NANOSECONDS, ORDERS, named_beside, opened, records, tables_of
 from lidarcodec.commands.cut.parts import Cut, say, write
 from lidarcodec.files.regular import open_regular
 from lidarcodec.files.whole import Whole, check_free
@@ -19,18 +20,17 @@ class _Timed(NamedTuple):
 
 def run(wanted: Cut) -> None:
     """Copy the records, into one capture or into parts. A damaged end is left out, with a warning."""
-    table = calibration_of(wanted.source)
-    found = read_table(table) if table.is_file() else None
+    found = tables_of(wanted.source)
     tables: list[Path] = []
     with open_regular(wanted.source) as handle:
         header = opened(handle, wanted.source)
 
         def write_part(output: Whole, to: BinaryIO, part: Iterable[_Timed]) -> int:
-            if found is not None and not output.straight:
-                path = calibration_of(output.path)
-                check_free(path, force=wanted.force)
-                output.companion(calibration_of, ".xml").write_bytes(found)
-                tables.append(path)
+            for ending, table in found.items() if not output.straight else ():
+                name_of = partial(named_beside, ending=ending)
+                check_free(name_of(output.path), force=wanted.force)
+                output.companion(name_of, Path(ending).suffix or ending).write_bytes(table)
+                tables.append(name_of(output.path))
             to.write(header)
             count = 0
             for record in part:

@@ -8,6 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
+from lidarcodec.commands.capture_records import said_beside
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.results.files import CutOut
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
@@ -85,7 +86,7 @@ def say(
     if earlier:
         text += f"; it begins with the key frame that the others need, {earlier} earlier than asked"
     if beside_them:
-        text += f"; calibration in {beside_them[0]}" + f" and {len(beside_them) - 1} more" * (len(beside_them) > 1)
+        text += f"; {said_beside(beside_them[0])}" + f" and {len(beside_them) - 1} more" * (len(beside_them) > 1)
     tell(result, text + instead, wanted.as_json)
 
 

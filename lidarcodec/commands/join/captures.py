@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 
-from lidarcodec.commands.capture_records import ORDERS, calibration_of, opened, read_table, records
+from lidarcodec.commands.capture_records import ORDERS, named_beside, opened, records, said_beside, tables_of
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
@@ -25,9 +26,8 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
 
     Raises SourceError for a damaged part. If gaps are allowed, its complete packets are copied instead.
     """
-    table = _calibration(paths)
-    if table is not None and not _to_be_written(calibration_of(out), table, force):
-        table = None
+    found_beside = _beside(paths).items()
+    tables = {one: table for one, table in found_beside if _to_be_written(named_beside(out, one), table, force)}
     count = 0
     with (
         stoppable() as stopped,
@@ -59,22 +59,23 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool, as_json:
                 tick()
                 if watched.cut:
                     raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
-        beside = table is not None and not output.straight
-        if table is not None and beside:
-            output.companion(calibration_of, ".xml").write_bytes(table)
-    tables = [str(calibration_of(output.kept))] if beside and output.kept is not None else []
+        if output.straight:
+            tables = {}
+        for ending, table in tables.items():
+            output.companion(partial(named_beside, ending=ending), Path(ending).suffix or ending).write_bytes(table)
+    written = [named_beside(output.kept, ending) for ending in tables] if output.kept is not None else []
     _say_others(paths, output.kept or out)
     tell(
         {
             "output": str(output.kept),
-            "beside": tables,
+            "beside": [str(one) for one in written],
             "parts": len(paths),
             "messages": None,
             "packets": count,
             "twice": 0,
         },
         f"{output.kept}: {counted(count, 'packet')} of {len(paths)} parts"
-        + "".join(f"; calibration in {one}" for one in tables),
+        + "".join(f"; {said_beside(one)}" for one in written),
         as_json,
     )
 
@@ -101,18 +102,24 @@ def _who(sender: Sender) -> tuple[bytes, str]:
     return sender.stream[0], sender.model
 
 
-def _calibration(paths: Sequence[Path]) -> bytes | None:
-    """The calibration next to the parts; None if there is none.
+def _beside(paths: Sequence[Path]) -> dict[str, bytes]:
+    """Calibration and metadata next to the parts, by ending.
 
-    Raises SettingsError if there are different ones, CalibrationError if one is too large.
+    Raises SettingsError if there are different calibrations, CalibrationError if one is too large.
     """
-    found = [(path, read_table(calibration_of(path))) for path in paths if calibration_of(path).is_file()]
-    for path, table in found:
-        if table != found[0][1]:
+    found: dict[str, tuple[Path, bytes]] = {}
+    for path in paths:
+        for ending, table in tables_of(path).items():
+            first, before = found.setdefault(ending, (path, table))
+            if table == before:
+                continue
+            if ending == ".json":  # an Ouster tells another one after each start
+                log.warning("the metadata next to %s and %s differ: that of %s is taken", path, first, first)
+                continue
             raise SettingsError(
-                f"the calibrations next to {path} and {found[0][0]} differ: the captures come from two sensors"
+                f"the calibrations next to {path} and {first} differ: the captures come from two sensors"
             )
-    return found[0][1] if found else None
+    return {ending: table for ending, (_, table) in found.items()}
 
 
 def _to_be_written(path: Path, table: bytes, force: bool) -> bool:
