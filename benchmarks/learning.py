@@ -4,8 +4,8 @@
     python -m benchmarks.learning --keep riddle DIR/curve.csv --trained "python -m research.riddle_paper train ..."
     python -m benchmarks.learning          draws docs/learning.png of what is kept
 
-`--keep` takes the curve that the training wrote, and the command of that training, into benchmarks/results/training/.
-Everything is drawn over the processor time of the training, measurements included.
+PocoNet's drives stand in poconet_drives.txt. `--keep` takes the curve that the training wrote, and its command, into
+benchmarks/results/training/. Everything is drawn over the processor time of the training, measurements included.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ COLOURS: Final = ("#2563eb", "#dc2626", "#16a34a", "#f59e0b")
 Points = list[tuple[float, float]]
 
 
-def keep(network: str, curve: Path, trained: str) -> None:
+def keep(network: str, curve: Path, trained: str, about: str) -> None:
     """Make a result of a curve."""
     table = results.parse(curve.read_text())
-    fields = results.here() | {"title": TITLES[network], "command": trained}
+    fields = results.here() | {"title": TITLES[network], "about": about, "command": trained}
     results.write(f"training/{network}", results.Result(fields, table.columns, table.rows))
 
 
@@ -80,9 +80,10 @@ def main(given: Sequence[str] | None = None) -> None:
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--keep", nargs=2, metavar=("NETWORK", "FILE"), help="poconet or riddle, and its curve")
     words.add_argument("--trained", default="", metavar="COMMAND", help="of the training")
+    words.add_argument("--about", default="", metavar="TEXT", help="what it learned from")
     asked = words.parse_args(given)
     if asked.keep:
-        keep(asked.keep[0], Path(asked.keep[1]), asked.trained)
+        keep(asked.keep[0], Path(asked.keep[1]), asked.trained, asked.about)
     else:
         draw()
 
