@@ -1,9 +1,13 @@
 """What lies beside a capture and its points need goes with it: else who deletes the long one has packets alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lidarcodec import read_frames
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
+from lidarcodec.sensors import db_xml, hesai_csv
 from lidarcodec.sources import open_source
 from tests.command_line import run_here
 from tests.conftest import ROOT
@@ -64,3 +68,42 @@ def test_a_calibration_for_a_whole_folder_goes_with_a_part_elsewhere(drive, tmp_
     (tmp_path / "parts").mkdir()
     assert run_here("cut", tmp_path / "drive.pcap", tmp_path / "parts" / "p.pcap", "--to", 0.1).returncode == 0
     assert (tmp_path / "parts" / "p_db.xml").read_bytes() == table
+
+
+@pytest.mark.parametrize("sensor", ["hdl64e", "os0-32", "vlp16", "pandar40p"])
+def test_the_packets_of_a_recording_come_back_with_what_their_points_need(tmp_path, sensor):
+    """Else clouds of the capture are off by up to half a metre, and an Ouster's has none."""
+    first, drive = tmp_path / "first.pcap", tmp_path / "drive.pcap"
+    assert run_here("simulate", f"sim:road?frames=2&sensor={sensor}", first).returncode == 0
+    with open_source(first) as source:
+        known = source.sensor
+    words = ()
+    if sensor in ("vlp16", "pandar40p"):
+        table = known.calibration.table.copy()
+        table[list(CALIBRATION_FIELDS).index("rot_correction_rad")] += 50
+        turned = replace(known, calibration=Calibration(table))
+        ending = "_db.xml" if sensor == "vlp16" else ".csv"
+        own = tmp_path / f"own{ending}"
+        text = db_xml.text if sensor == "vlp16" else hesai_csv.text
+        own.write_text(text(turned.calibration))
+        words = ("--calibration", own)
+    assert run_here("encode", first, tmp_path / "drive.mcap", *words).returncode == 0
+    before = next(iter(read_frames(tmp_path / "drive.mcap")))
+    done = run_here("decode", tmp_path / "drive.mcap", drive)
+    assert done.returncode == 0, done.stderr
+    assert np.array_equal(points(drive), before.cloud())
+    assert run_here("decode", tmp_path / "drive.mcap", drive, "--force").returncode == 0, "it is there already"
+    copied = run_here("convert", drive, tmp_path / "copy.pcap")
+    assert copied.returncode == 0, copied.stderr
+    assert np.array_equal(points(tmp_path / "copy.pcap"), before.cloud())
+
+
+def test_another_calibration_beside_a_capture_is_not_replaced_without_a_word(drive, tmp_path):
+    assert run_here("encode", drive, tmp_path / "drive.mcap", "--frames", 1).returncode == 0
+    (tmp_path / "out.json").write_text("{}")
+    done = run_here("decode", tmp_path / "drive.mcap", tmp_path / "out.pcap")
+    assert done.returncode == 2
+    assert "out.json exists" in done.stderr
+    assert not (tmp_path / "out.pcap").exists()
+    assert run_here("decode", tmp_path / "drive.mcap", tmp_path / "out.pcap", "--force").returncode == 0
+    assert len(points(tmp_path / "out.pcap")) > 1000

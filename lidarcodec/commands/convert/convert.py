@@ -10,8 +10,9 @@ from pathlib import Path
 
 from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.assembly.rotation import RotationWatch
-from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
+from lidarcodec.commands.capture_records import named_beside, said_beside
+from lidarcodec.commands.convert.described import check_beside, write_beside
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, open_output
 from lidarcodec.commands.outputs.table import BAG_FILES
 from lidarcodec.commands.progress import progress
@@ -105,7 +106,8 @@ def run(
         beside = _calibration_file(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
         )
-        metadata = _metadata_file(out, wanted.form, source.sensor, force)
+        of_others = bool(out.suffix) and not source.sensor.is_hdl64e
+        other = check_beside(out, source.sensor, force=force) if of_others else None
         of, watch = _turning(source.sensor, spec, numbered=frames is not None or skip > 0)
         turns = Turns(selection.in_time(source.packets()), stopped, tick, of, frames, watch)
         turns.pass_over(skip)
@@ -128,15 +130,15 @@ def run(
             inside = beside.parent == out
             place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
             place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
-        if metadata is not None:
-            output.companion(_metadata_of, ".json").write_bytes(source.sensor.description)
+        if other is not None:
+            write_beside(output, other)
         if part:
             output.only_part()
     say_unkept(source.label, source.counts)
     kept = output.kept or out
     tables = [_calibration_of(kept)] if beside is not None and beside.parent != out else []
-    described = [_metadata_of(kept)] if metadata is not None else []
-    _tell(kept, wanted.form, turns, source.sensor, said, tables, described, as_json)
+    tables += [named_beside(kept, other[0])] if other is not None else []
+    _tell(kept, wanted.form, turns, source.sensor, said, tables, as_json)
     _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, turns.turns, skip=skip, frames=frames, live=source.live)
@@ -164,19 +166,18 @@ def _tell(
     sensor: SensorModel,
     said: str,
     tables: list[Path],
-    described: list[Path],
     as_json: bool,
 ) -> None:
-    """Print what was written. tables, described: calibration and metadata beside it;  said: remark of the output"""
+    """Print what was written. tables: calibration and metadata beside it;  said: remark of the output"""
     count, positions = turns.packets, turns.positions
     what = "a rosbag2 (files of points: --as kitti, --as ply), " if form == "rosbag" and not kept.suffix else ""
     parts = [f"{kept}: {what}{counted(count, 'packet')}" + f", {counted(turns.turns, 'frame')}" * sensor.is_hdl64e]
     parts[0] += f", {counted(positions, aside_name(sensor.model))}" * bool(positions and form != "rosbag")
     parts += [said] if said else []
-    parts += [f"calibration in {path}" for path in tables] + [f"metadata in {path}" for path in described]
+    parts += map(said_beside, tables)
     found = Converted(
         output=str(kept), form=form, files=sum(1 for _ in kept.iterdir()) if kept.is_dir() else 1,
-        beside=[str(path) for path in tables + described],
+        beside=[str(path) for path in tables],
         frames=turns.turns if sensor.is_hdl64e else None, packets=count, points=None,
         positions=positions, bytes=kept.stat().st_size if kept.is_file() else None,
     )  # fmt: skip
@@ -250,33 +251,6 @@ def _calibration_file(
     if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
         raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
     return path
-
-
-def _metadata_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
-    """Path for the metadata of an Ouster next to a capture, where readers find it; None if it is not needed or already
-    there.
-
-    Raises SettingsError if there is already another file.
-    """
-    if form == "recording" or not sensor.description or not out.suffix:
-        return None
-    path = _metadata_of(out)
-    if not os.path.lexists(path):
-        check_free(path)
-        return path
-    try:
-        same = read_file(path, "calibration") == sensor.description
-    except (OSError, FileTooLargeError):
-        same = False
-    if same:
-        return None
-    if not force:
-        raise SettingsError(f"{path} exists and is not the metadata of this sensor: use --force to replace it", "force")
-    return path
-
-
-def _metadata_of(out: Path) -> Path:
-    return out.with_suffix(".json")
 
 
 def _calibration_of(out: Path) -> Path:

@@ -13,6 +13,8 @@ from typing import Final, Protocol
 
 from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.cloud import second_returns, second_returns_text
+from lidarcodec.commands.capture_records import named_beside, said_beside
+from lidarcodec.commands.convert.described import check_beside, write_beside
 from lidarcodec.commands.outputs.base import NO_CLOUD, USUAL, BagNames, Output
 from lidarcodec.commands.outputs.pcap import PcapOutput
 from lidarcodec.commands.outputs.table import Form, check_output, check_returns, contents_of, opened
@@ -243,6 +245,7 @@ class _Written:
     packets: int | None = None
     posed: bool = False
     model: str = ""
+    ending: str | None = None
 
 
 def _write(name: str, source: Frames, wanted: Wanted) -> None:
@@ -262,9 +265,14 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
             source.say()
             raise SourceError(f"{name} has {selection.nothing()} that can be decoded: {out} was not written")
         written = _Written(posed=source.posed)
+        capture = wanted.form.name == "pcap" and not output.straight
+        if capture:
+            check_beside(out, first.sensor, force=wanted.force)
+        sensor = first.sensor
         with opened(wanted.out, wanted.form, output.beside, wanted.names, wanted.placing.returns) as writer:
             for frame in chain((first,), chosen):
                 _put(writer, frame, wanted, written)
+                sensor = frame.sensor
                 tick()
             written.packets = writer.packets if isinstance(writer, PcapOutput) else None
         if wanted.form.first_returns and not written.returns:
@@ -272,6 +280,9 @@ def _write(name: str, source: Frames, wanted: Wanted) -> None:
         part = watched.cut or (
             source.live and stopped() and selection.frames is not None and written.frames < selection.frames
         )
+        if capture and (found := check_beside(out, sensor, force=wanted.force)) is not None:
+            write_beside(output, found)
+            written.ending = found[0]
         if part:
             output.only_part()
     source.say()
@@ -311,8 +322,10 @@ def _without_points(name: str, out: Path, model: str, written: _Written) -> Sour
 def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, int] | None) -> None:
     kept = output.kept or wanted.out
     folder = kept.is_dir()
+    beside = [] if written.ending is None else [named_beside(kept, written.ending)]
     found = Converted(
-        output=str(kept), form=wanted.form.name, files=sum(1 for _ in kept.iterdir()) if folder else 1, beside=[],
+        output=str(kept), form=wanted.form.name, files=sum(1 for _ in kept.iterdir()) if folder else 1,
+        beside=[str(one) for one in beside],
         frames=written.frames, packets=written.packets, points=written.points, positions=written.positions,
         bytes=kept.stat().st_size if kept.is_file() else None,
     )  # fmt: skip
@@ -327,6 +340,7 @@ def _tell(output: Whole, wanted: Wanted, written: _Written, layers: dict[str, in
     if written.second_returns:
         text += f", {second_returns_text(written.second_returns, REMEDY * wanted.form.numbered)}"
     text += positions_text(wanted.out, written.positions, written.model)
+    text += "".join(f"; {said_beside(one)}" for one in beside)
     if wanted.form.points and written.frames > 1 and not folder and not wanted.placing.merge:
         text += f". {APART}{BY_POSES * written.posed}"
     tell(found, text, wanted.as_json)

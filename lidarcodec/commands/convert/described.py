@@ -1,0 +1,64 @@
+"""What lies beside a capture, so that its points are right: a calibration, or the metadata of an Ouster."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from lidarcodec.budgets import FileTooLargeError, read_file
+from lidarcodec.commands.capture_records import CALIBRATION, named_beside
+from lidarcodec.errors import CalibrationError, SettingsError
+from lidarcodec.files.whole import Whole
+from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
+from lidarcodec.sensors import db_xml, hesai_csv, read_calibration
+from lidarcodec.sensors.models.table import PACKETS, sensor_named
+from lidarcodec.sources.unit_calibration import is_generic
+
+
+def description_of(sensor: SensorModel) -> tuple[str, bytes] | None:
+    """The ending of the file and its bytes; None where none is needed. A generic calibration would no longer be known
+    as such."""
+    if sensor.description:
+        return ".json", sensor.description
+    if sensor.model in (PACKETS, POINTCLOUD2) or is_generic(sensor):
+        return None
+    if not sensor.is_hdl64e and sensor_named(sensor.model).title.startswith("Hesai"):
+        return ".csv", hesai_csv.text(sensor.calibration).encode()
+    return CALIBRATION, db_xml.text(sensor.calibration).encode()
+
+
+def check_beside(out: Path, sensor: SensorModel, *, force: bool) -> tuple[str, bytes] | None:
+    """What is to be written beside a capture; None for nothing, or if it is there.
+
+    Raises SettingsError if another calibration is there.
+    """
+    found = description_of(sensor)
+    if found is None:
+        return None
+    path = named_beside(out, found[0])
+    if not path.exists():
+        return found
+    if _is_of(path, found[1], sensor):
+        return None
+    if not force:
+        what = "is not the metadata of this sensor" if sensor.description else "holds another calibration"
+        raise SettingsError(f"{path} exists and {what}: use --force to replace it", "force")
+    return found
+
+
+def write_beside(output: Whole, found: tuple[str, bytes]) -> None:
+    """Write it; it gets its name together with the output."""
+    ending, data = found
+    output.companion(partial(named_beside, ending=ending), Path(ending).suffix or ending).write_bytes(data)
+
+
+def _is_of(path: Path, data: bytes, sensor: SensorModel) -> bool:
+    try:
+        there = read_file(path, "calibration")
+        if there == data or sensor.description:
+            return there == data
+        if sensor.is_hdl64e:
+            return read_calibration(path, "beside").hash == sensor.hash
+        return sensor_named(sensor.model).calibrated(there, "beside", str(path)).hash == sensor.hash
+    except (OSError, FileTooLargeError, CalibrationError):
+        return False
