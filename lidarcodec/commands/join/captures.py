@@ -114,7 +114,7 @@ def _beside(paths: Sequence[Path]) -> dict[str, bytes]:
             if table == before:
                 continue
             if ending == ".json":  # an Ouster tells another one after each start
-                log.warning("the metadata next to %s and %s differ: that of %s is taken", path, first, first)
+                logger.warning("the metadata next to %s and %s differ: that of %s is taken", path, first, first)
                 continue
             raise SettingsError(
                 f"the calibrations next to {path} and {first} differ: the captures come from two sensors"
