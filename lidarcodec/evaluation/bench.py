@@ -194,7 +194,8 @@ class _Run:
         if frame.sensor.is_cloud:
             self.zstd_bytes += sum(len(compress(payload, ZSTD_LEVEL)) for payload in payloads)
         self.hdl64e = frame.sensor.is_hdl64e
-        self.turns.add(frame, payloads)
+        if not self.hdl64e:
+            self.turns.add(frame, payloads)
         self.points += frame.points
         self._encode(partial(self._reduced_and_encoded, frame, payloads))
 

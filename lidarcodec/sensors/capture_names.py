@@ -14,7 +14,7 @@ COMPRESSIONS: Final = frozenset({".xz", ".zst", ".gz", ".bz2", ".lz4"})
 
 def stem_of(capture: Path) -> str:
     """The name of a capture without its endings, or of a folder."""
-    if capture.is_dir():
+    if _is_folder(capture):
         return capture.name
     return (capture.with_suffix("") if capture.suffix.lower() in COMPRESSIONS else capture).stem
 
@@ -24,4 +24,11 @@ def is_file(path: Path) -> bool:
     try:
         return path.is_file()
     except OSError:
+        return False
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # as `is_file`
         return False
