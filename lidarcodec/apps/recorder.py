@@ -84,8 +84,8 @@ class BackgroundRecorder:
 
         Raises SettingsError for limits that contradict each other.
         """
-        said = None if mount is None else {MOUNT_TEXT: str(mount)}
-        self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, metadata=said, **limits)
+        self._said = {} if mount is None else {MOUNT_TEXT: str(mount)}
+        self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, metadata=self._said, **limits)
         self._encoder: StreamEncoder | None = None
         self._queue: deque[bytes | list[Packet] | Frame | Cloud] = deque()
         self._load = Fraction(0)
@@ -99,6 +99,10 @@ class BackgroundRecorder:
     def start(self) -> None:
         """Begin to write."""
         self._thread.start()
+
+    def describe(self, texts: Mapping[str, str]) -> None:
+        """Note these texts in each file that is begun from now on: what packets do not say of their sensor."""
+        self._files.metadata = self._said | dict(texts)
 
     def message(self, data: bytes) -> None:
         """Record one message, packed by `wire.pack`, or one refinement, packed by `layers.pack`."""

@@ -13,6 +13,7 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError, LidarCodecError, SourceError
 from lidarcodec.sensors.calibration_kinds import kind_in
 from lidarcodec.sources import open_source
+from lidarcodec.sources.described import DB_XML
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ ORDERS: Final = {
 """Magic numbers of classic pcap files, with microseconds and with nanoseconds, and their byte order."""
 NANOSECONDS: Final = (b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
 """Those whose fractions of seconds are nanoseconds."""
-CALIBRATION: Final = "_db.xml"
+CALIBRATION: Final = DB_XML
 ENDINGS: Final = (CALIBRATION, ".yaml", ".csv", ".json")
 """Of calibrations, and of an Ouster's metadata, beside a capture."""
 _MAX_RECORD: Final = 1 << 18

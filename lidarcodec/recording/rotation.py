@@ -63,6 +63,7 @@ class RotatingRecorder:
             `lost files` (removed, replaced or overwritten by another program during the recording),
             `waiting for a key message` (not written), `not recorded`
     stopped: why recording stopped, None while it runs;  clouds: set this if `write_cloud` will be called
+    metadata: further texts for each file that is begun from now on
     stays: whether a file must not be deleted
     thins: whether a full disk deletes the oldest file that may go, instead of stopping the recording. It continues with
         the next key message then
@@ -92,7 +93,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             )  # fmt: skip
         self.folder = folder
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
-        self.settings, self._metadata = settings, metadata
+        self.settings, self.metadata = settings, metadata
         self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
         self.stays: Callable[[Path], bool] = _never
         self.thins = False
@@ -244,7 +245,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             except FileExistsError:
                 number += 1
         try:
-            writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, self._metadata, clouds=self.clouds)
+            writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, self.metadata, clouds=self.clouds)
             file.flush()
             self._spare.opened(lambda: sync_folder(self.folder))
         except BaseException:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
@@ -9,7 +10,14 @@ from pathlib import Path
 from typing import IO, Final, Literal
 
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError, SourceError, UnknownNameError
+from lidarcodec.errors import (
+    CalibrationError,
+    DecodeError,
+    MissingReferenceError,
+    SettingsError,
+    SourceError,
+    UnknownNameError,
+)
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.layers import RefinedFrame
@@ -25,8 +33,11 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import check_recognised, find_sensor
 from lidarcodec.settings import is_name
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.described import sensor_noted
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
+
+logger = logging.getLogger(__name__)
 
 Channel = Literal["packets", "messages"]
 CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
@@ -69,7 +80,7 @@ class RecordingSource(PacketSource):
         if not first and frame is None:
             why = f": {failed[0]}" if failed else f" and no {channel}" * bool(channel)
             raise SourceError(f"{path} has no frame that can be decoded{why}")
-        super().__init__(_sensor(path, calibration, [packet.payload for packet in first], frame))
+        super().__init__(self._found_sensor(calibration, [packet.payload for packet in first], frame))
         self.start_ns = first[0].stamp_ns if first else frame.stamp_ns if frame else None
         self.names = self._said_names()
         self.mount = self._said_mount() if frame is None or frame.mount is None else Mounting.of_matrix(frame.mount)
@@ -84,6 +95,16 @@ class RecordingSource(PacketSource):
         if text is not None and channel is None:
             raise UnknownNameError("part of a recording", text, CHANNELS)
         return cls(spec.path, calibration, channel, spec.options.get("topic"))
+
+    def _found_sensor(self, calibration: Path | None, payloads: list[bytes], frame: Frame | None) -> SensorModel:
+        """With raw packets that of the packets, but a frame's sensor is preferred to a generic one. Otherwise that of
+        the first frame."""
+        if not payloads and frame is not None:
+            given = calibration is not None and not frame.sensor.is_cloud
+            return find_sensor(None, calibration, [], frame.sensor.model) if given else frame.sensor
+        model = check_recognised(payloads).model if frame is None else frame.sensor.model
+        sensor = sensor_of_packets(self.path, calibration, payloads, model)
+        return frame.sensor if frame is not None and sensor.origin == "generic" else sensor
 
     def _said_mount(self) -> Mounting | None:
         """The mounting in the texts of a recording of packets; None without one, and for a text that is none."""
@@ -194,12 +215,16 @@ def _note(reader: RecordingReader, counts: Counter[str]) -> None:
             counts[name] = reader.counts[name]
 
 
-def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: Frame | None) -> SensorModel:
-    """The sensor of a recording. With raw packets: found as for a capture, but a frame's sensor is preferred to a
-    generic one. Otherwise that of the first frame."""
-    if not payloads and frame is not None:
-        given = calibration is not None and not frame.sensor.is_cloud
-        return find_sensor(None, calibration, [], frame.sensor.model) if given else frame.sensor
-    model = check_recognised(payloads).model if frame is None else frame.sensor.model
+def sensor_of_packets(path: Path, calibration: Path | None, payloads: list[bytes], model: str) -> SensorModel:
+    """The sensor of a recording's packets, found as for a capture. A calibration that was given, or lies beside it, is
+    preferred to the one in its texts, and that to the sensor's own table and a generic one."""
     sensor = find_sensor(path, calibration, payloads, model)
-    return frame.sensor if frame is not None and sensor.origin == "generic" else sensor
+    if sensor.origin not in ("generic", "stream"):
+        return sensor
+    try:
+        with open_regular(path) as file:
+            own = sensor_noted(RecordingReader(file, warn=False).metadata, model, payloads)
+    except CalibrationError as error:
+        logger.warning("the calibration in %s is not used: %s", path, error)
+        return sensor
+    return own or sensor

@@ -19,6 +19,7 @@ from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.sensor_time import SensorTime
 from lidarcodec.sources.base import Source
+from lidarcodec.sources.described import noted
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
@@ -67,6 +68,7 @@ class FrameFeed:
         self.mailbox: Mailbox[Frame] = Mailbox(goes_on=lambda frame: frame.part.goes_on)
         self._recorder = keep[0] if keep else None
         self._record_as = keep[1] if keep else None
+        self._describe()
         self._lock = threading.Lock()
         self._framing = self._wanted_framing = framing
         self._assembler = Assembler(source.sensor, framing)
@@ -187,6 +189,12 @@ class FrameFeed:
         self._past += self._assembler.counts
         self._framing = self._wanted_framing
         self._assembler = Assembler(self.source.sensor, self._framing, first_index=self.frames)
+        self._describe()
+
+    def _describe(self) -> None:
+        """Tell the recorder of packets what they do not say of their sensor."""
+        if self._recorder is not None and self._record_as == "packets":
+            self._recorder.describe(noted(self.source.sensor))
 
     def _record_batch(self, recorder: BackgroundRecorder) -> None:
         batch, self._batch = self._batch, []

@@ -6,25 +6,13 @@ from functools import partial
 from pathlib import Path
 
 from lidarcodec.budgets import FileTooLargeError, read_file
-from lidarcodec.commands.capture_records import CALIBRATION, named_beside
+from lidarcodec.commands.capture_records import named_beside
 from lidarcodec.errors import CalibrationError, SettingsError
 from lidarcodec.files.whole import Whole
-from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
-from lidarcodec.sensors import db_xml, hesai_csv, read_calibration
-from lidarcodec.sensors.models.table import PACKETS, sensor_named
-from lidarcodec.sources.unit_calibration import is_generic
-
-
-def description_of(sensor: SensorModel) -> tuple[str, bytes] | None:
-    """The ending of the file and its bytes; None where none is needed. A generic calibration would no longer be known
-    as such."""
-    if sensor.description:
-        return ".json", sensor.description
-    if sensor.model in (PACKETS, POINTCLOUD2) or is_generic(sensor):
-        return None
-    if not sensor.is_hdl64e and sensor_named(sensor.model).title.startswith("Hesai"):
-        return ".csv", hesai_csv.text(sensor.calibration).encode()
-    return CALIBRATION, db_xml.text(sensor.calibration).encode()
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors import read_calibration
+from lidarcodec.sensors.models.table import sensor_named
+from lidarcodec.sources.described import description_of
 
 
 def check_beside(out: Path, sensor: SensorModel, *, force: bool) -> tuple[str, bytes] | None:

@@ -20,6 +20,7 @@ from lidarcodec.recording.rosbag import CLOUDS_TOPIC, FRAME_ID, PACKETS_TOPIC
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
+from lidarcodec.sources.described import noted
 from lidarcodec.sources.posed import posed
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_BYTES
 
@@ -88,7 +89,7 @@ def open_output(
         return _Capture(handle)
     if wanted.form == "packets":
         said = {} if source.mount is None else {MOUNT_TEXT: str(source.mount)}
-        return _Packets(handle, wanted.named.known(source), {**about, **said})
+        return _Packets(handle, wanted.named.known(source), {**about, **said, **noted(source.sensor)})
     return Bag(wanted, handle, source)
 
 

@@ -20,6 +20,8 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.holes import Numbers
 from lidarcodec.sensors import find_sensor
 from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
+from lidarcodec.sources.described import without_text
+from lidarcodec.sources.recording import sensor_of_packets
 from lidarcodec.units import counted
 from lidarcodec.wire import unpack
 
@@ -87,7 +89,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     first: list[bytes] = []
     with open_regular(path) as handle:
         reader = RecordingReader(handle)
-        metadata = dict(reader.metadata)
+        metadata = without_text(reader.metadata)
         for stamp_ns, data in reader.messages():
             stamps = [stamps[0] if stamps else stamp_ns, stamp_ns]
             seen.add(data)
@@ -169,7 +171,7 @@ def _sensor_seen_in(path: Path, payloads: list[bytes]) -> Described | None:
     if found is None:
         return None
     try:
-        sensor = find_sensor(path, None, payloads, found.model)
+        sensor = sensor_of_packets(path, None, payloads, found.model)
     except CalibrationError:
         sensor = find_sensor(None, None, payloads, found.model)
     return Described(sensor.name, sensor.model, sensor.rows)
