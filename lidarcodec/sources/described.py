@@ -17,7 +17,7 @@ from lidarcodec.sensors.recognise import HDL64
 from lidarcodec.sources.unit_calibration import is_generic
 
 DB_XML: Final = "_db.xml"
-TEXT: Final = "calibration"
+TEXT: Final = "calibration_text"
 ENDING: Final = "calibration_file"
 """Names of two texts of a recording of packets: the contents of the file, and how its name ends beside a capture."""
 
@@ -27,9 +27,11 @@ def description_of(sensor: SensorModel) -> tuple[str, bytes] | None:
 
     A generic calibration is none: it would no longer be known as such.
     """
+    if sensor.model in (PACKETS, POINTCLOUD2):  # whose packets say all
+        return None
     if sensor.description:
         return ".json", sensor.description
-    if sensor.model in (PACKETS, POINTCLOUD2) or is_generic(sensor):
+    if is_generic(sensor):
         return None
     if not sensor.is_hdl64e and sensor_named(sensor.model).title.startswith("Hesai"):
         return ".csv", hesai_csv.text(sensor.calibration).encode()
