@@ -33,13 +33,14 @@ RUN_S: Final = 0.15
 STOOD: Final = 4.0
 """A late message that takes more than so many times as long as the capacity lets expect tells no rate: probably packets
 were lost, and sent again. The measurement begins anew with it."""
-HOLD_S: Final = 1.8
-"""Time for which the limit stays before it rises. Each rise that is too much makes a frame or two late."""
+HOLD_S: Final = 2.2
+"""Time for which the limit stays before it rises. Each rise that is too much makes a frame or two late: where it is
+shorter, a narrow path is tried so often that more than a twentieth of the frames are late."""
 RISES: Final = ((3.0, 1.6), (20.0, 3.0), (100.0, 4.0))
 """How the limit rises: the factor each second, and up to how many times the known rate. First it rises gently, until
 more bits were sent than the bucket can hold. If no message was late until then, the path is as fast as the limit: that
 becomes the known rate, and the limit rises as the next entry says, until that was shown again. So a path that was
-restored is in full use within five seconds, and one that was not gets little more than it carries.
+restored is in full use after five and a half seconds at most, and one that was not gets little more than it carries.
 """
 BUCKET_BITS: Final = 1.6e5
 """Smallest assumed size of the bucket. Messages that become late while the limit rises tell a larger one."""

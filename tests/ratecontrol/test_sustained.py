@@ -44,13 +44,13 @@ def test_frames_are_in_time_and_the_rate_is_steady_whatever_the_bucket_holds(buc
 
 @pytest.mark.parametrize("bucket_bits", [64e3, 128e3, 512e3])
 @pytest.mark.parametrize("waited_s", [14.0, 15.2, 16.4, 17.6])
-def test_a_path_that_is_restored_is_used_again_within_five_seconds(bucket_bits, waited_s):
+def test_a_path_that_is_restored_is_used_again_within_five_and_a_half_seconds(bucket_bits, waited_s):
     """The limit may just have begun to be held. Until it rises, the operator sees the picture of the narrow path."""
     restored_s = 10.0 + waited_s
     shown = stream(Path(lambda t: 400.0 if 10.0 <= t < restored_s else 20e3, 0.001, bucket_bits), 32.0, stale=1)
     before = np.median([one.target_kbps for one in shown if 2.0 <= one.at_s < 10.0])
     back = (one.at_s for one in shown if one.at_s > restored_s and one.target_kbps >= 0.9 * before)
-    assert next(back, math.inf) - restored_s < 5.0
+    assert next(back, math.inf) - restored_s < 5.5
 
 
 def test_a_path_without_a_bucket_is_followed_as_if_nobody_knew_of_buckets():
