@@ -63,7 +63,7 @@ class RotatingRecorder:
             `lost files` (removed, replaced or overwritten by another program during the recording),
             `waiting for a key message` (not written), `not recorded`
     stopped: why recording stopped, None while it runs;  clouds: set this if `write_cloud` will be called
-    metadata: further texts for each file that is begun from now on
+    metadata: further texts for each file that is begun from now on; with other ones, packets begin another file
     stays: whether a file must not be deleted
     thins: whether a full disk deletes the oldest file that may go, instead of stopping the recording. It continues with
         the next key message then
@@ -95,6 +95,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
         self.settings, self.metadata = settings, metadata
         self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
+        self._begun_with = metadata
         self.stays: Callable[[Path], bool] = _never
         self.thins = False
         self.clouds = False
@@ -144,7 +145,8 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             return True
         self._look_after_file()
         size = sum(len(packet.payload) + 8 for packet in packets)
-        if self._writer is None or self._size_with(size) > self.max_file_bytes:
+        other = self._begun_with != self.metadata
+        if self._writer is None or other or self._size_with(size) > self.max_file_bytes:
             self._begin(packets[0].stamp_ns, size)
         return self._add(size, lambda writer: writer.write_packets(packets))
 
@@ -245,6 +247,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             except FileExistsError:
                 number += 1
         try:
+            self._begun_with = self.metadata
             writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, self.metadata, clouds=self.clouds)
             file.flush()
             self._spare.opened(lambda: sync_folder(self.folder))

@@ -39,8 +39,8 @@ def description_of(sensor: SensorModel) -> tuple[str, bytes] | None:
 
 
 def noted(sensor: SensorModel) -> dict[str, str]:
-    """The two texts of a recording of this sensor's packets; empty where none is needed."""
-    found = description_of(sensor)
+    """The two texts of a recording of this sensor's packets; empty where none is needed, or packets have them."""
+    found = None if sensor.origin == "stream" and not sensor.description else description_of(sensor)
     return {} if found is None else {ENDING: found[0], TEXT: found[1].decode("utf-8", "replace")}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcodec import api
 from lidarcodec.errors import CalibrationError
-from lidarcodec.recording import RecordingWriter
+from lidarcodec.recording import RecordingWriter, RotatingRecorder
 from lidarcodec.sources import open_source
 from lidarcodec.sources.described import ENDING, TEXT, noted, sensor_noted
 from tests.command_line import run_here
@@ -96,3 +96,21 @@ def test_an_ouster_of_other_packets_is_refused(data_file):
     with pytest.raises(CalibrationError, match="sends packets"):
         sensor_noted(texts, model, [bytes(100)])
     assert sensor_noted({}, model, []) is None
+
+
+def test_a_sensor_that_tells_its_metadata_after_its_first_packets_has_them_in_the_next_file(data_file, tmp_path):
+    """A vehicle often records before its sensor answers: a quarter of a gigabyte would have no points."""
+    capture, metadata = map(data_file, DRIVES["ouster"])
+    with open_source(capture, calibration=metadata) as source:
+        packets, texts = list(source.packets()), noted(source.sensor)
+    recorder = RotatingRecorder(tmp_path, "a", "b")
+    for batch in (packets[:20], packets[20:40], packets[40:]):
+        assert recorder.write_packets(batch)
+        recorder.metadata = texts
+    recorder.close()
+    first, second = sorted(tmp_path.glob("*.mcap"))
+    with open_source(second) as source:
+        assert source.sensor.description == metadata.read_bytes()
+        assert len(list(source.packets())) == len(packets) - 20
+    with open_source(first) as source:
+        assert len(list(source.packets())) == 20
