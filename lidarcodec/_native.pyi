@@ -110,7 +110,9 @@ class RangeHistory:
     ) -> tuple[NDArray[numpy.int32], bool, int, int, int, float]: ...
 
 class IntensityMemory:
-    def __init__(self) -> None: ...
+    def __init__(self, follows: bool = False) -> None: ...
+    def copy(self) -> IntensityMemory: ...
+    def forget_models(self) -> None: ...
 
 def encode_intensity(
     values: NDArray[numpy.uint8],
@@ -120,7 +122,7 @@ def encode_intensity(
     rotation: NDArray[numpy.int32],
     turn: int,
     memory: IntensityMemory | None = None,
-    goes_on: bool = False,
+    azimuth: NDArray[numpy.uint16] | None = None,
 ) -> bytes: ...
 def choose_levels(
     values: NDArray[numpy.uint8],
@@ -137,6 +139,7 @@ def decode_intensity(
     half: NDArray[numpy.uint8],
     rotation: NDArray[numpy.int32],
     memory: IntensityMemory | None = None,
+    azimuth: NDArray[numpy.uint16] | None = None,
 ) -> NDArray[numpy.uint8]: ...
 def encode_refinement(
     ranges: NDArray[numpy.uint16],

@@ -215,8 +215,7 @@ class Independent(Generic[Own]):
             quality,
             previous,
             grouped_intensity=self._grouped_intensity,
-            memory=self._turn.memory(frame),
-            goes_on=goes_on,
+            memory=self._turn.memory(frame, goes_on=goes_on),
         )
         ranges = Section(SectionType.RANGE, self._ranges(frame))
         if with_history:

@@ -86,8 +86,10 @@ class TurnParts:
         before, self._open = self._open, None
         return frame.part.goes_on and not key and before == frame.index - 1
 
-    def memory(self, frame: Frame) -> IntensityMemory | None:
+    def memory(self, frame: Frame, *, goes_on: bool) -> IntensityMemory | None:
         """What the parts before taught the coder of intensities; None of a whole frame."""
+        if not goes_on:
+            self._intensities.forget_models()
         return None if frame.part == WHOLE else self._intensities
 
     def coded(self, frame: Frame) -> None:

@@ -25,7 +25,14 @@ import numpy.typing as npt
 from lidarcodec.codecs.base import CodecSettings, InForce
 from lidarcodec.codecs.frame_encoder import Coded
 from lidarcodec.codecs.kept_frames import KeptFrames, TurnParts
-from lidarcodec.entropy import KnownColumns, MaskStream, PredictiveCoder, ReturnSamples, columns_in_turn
+from lidarcodec.entropy import (
+    IntensityMemory,
+    KnownColumns,
+    MaskStream,
+    PredictiveCoder,
+    ReturnSamples,
+    columns_in_turn,
+)
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
 from lidarcodec.motion.finder import MotionFinder
@@ -226,7 +233,14 @@ class Memory(Generic[Learned]):
     sent: SentFrames
     mask_stream: MaskStream
     masks: MaskHistory
+    intensities: IntensityMemory
     learned: Learned
+
+    @classmethod
+    def begin(cls, learned: Learned) -> Memory[Learned]:
+        """Of no frame."""
+        intensities = IntensityMemory(follows=True)
+        return cls(SentFrames(StreamHistory()), MaskStream(), MaskHistory(), intensities, learned)
 
 
 class Referring(Generic[OwnReferring, Learned]):
@@ -262,12 +276,12 @@ class Referring(Generic[OwnReferring, Learned]):
             found = frame.index - 1, memory_before
         if found is None:
             self._kept.forget()
-            needs, memory = None, Memory(SentFrames(StreamHistory()), MaskStream(), MaskHistory(), self._ranges.begin())
+            needs, memory = None, Memory.begin(self._ranges.begin())
             reference = self._references.begin(frame)
         else:
             needs, memory = found
             reference = self._references.go_on(frame, memory.sent)
-        planes = self._planes(frame, reference, memory, follows=needs is not None, goes_on=goes_on)
+        planes = self._planes(frame, reference, memory, follows=needs is not None)
         if remembers:  # coded alone, a frame may begin anywhere
             reference = self._references.counted(frame, reference)
         coded = self._ranges.encode(frame, reference, memory.learned)
@@ -285,18 +299,17 @@ class Referring(Generic[OwnReferring, Learned]):
 
     def _copy(self, memory: Memory[Learned]) -> Memory[Learned]:
         learned = self._ranges.copy(memory.learned)
-        return Memory(memory.sent.copy(), memory.mask_stream.copy(), memory.masks.copy(), learned)
+        intensities = memory.intensities.copy()
+        return Memory(memory.sent.copy(), memory.mask_stream.copy(), memory.masks.copy(), intensities, learned)
 
-    def _planes(
-        self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool, goes_on: bool
-    ) -> list[Section]:
+    def _planes(self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool) -> list[Section]:
         quality = Quality.of(self._settings.stream)
-        parts = self._turn.memory(frame) if self._settings.own.memory else None
+        intensities = memory.intensities if self._settings.own.memory else None
         if frame.keep is None and self._settings.own.expects:
             encode_mask = lambda of: _mask(of, reference, memory.mask_stream)  # noqa: E731
-            return encode_planes(frame, quality, encode_mask=encode_mask, memory=parts, goes_on=goes_on)
+            return encode_planes(frame, quality, encode_mask=encode_mask, memory=intensities)
         previous = memory.masks.before(frame.azimuth, frame.sensor) if follows else None
-        return encode_planes(frame, quality, previous, memory=parts, goes_on=goes_on)
+        return encode_planes(frame, quality, previous, memory=intensities)
 
 
 def _mask(frame: Frame, reference: Reference, stream: MaskStream) -> bytes:

@@ -1,8 +1,9 @@
 """Intensity coder: the intensities of returns, in about 3.8 bit a return on KITTI's 100 levels (xz: 4.35).
 
 Context of a return are the last four of its row, the row above shifted by rotation correction, and the no returns
-beside it; what follows which context is learned afresh in every message, so each decodes alone; the parts of a turn go
-on from each other (`IntensityMemory`). Values that do not occur cost nothing: intensities reduced to few levels
+beside it. What follows which context is learned while coding, and afresh in a message that decodes alone. The parts of
+a turn go on from each other, and in codecs with memory frames do (`IntensityMemory`). Then the row, and what was sent
+in this direction a turn ago, are contexts too. Values that do not occur cost nothing: intensities reduced to few levels
 (`choose_levels`) are cheaper accordingly. The format is docs/wire-format-intensity.md.
 
 >>> import numpy as np
@@ -26,7 +27,8 @@ from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
 
 IntensityMemory = _native.IntensityMemory
-"""What the parts of a turn taught; of no part when it is made. For one stream."""
+"""What sections taught; of none when it is made. For one stream. follows: whether its frames go on from each other,
+beside the parts of a turn."""
 
 
 def encode_intensity(
@@ -37,20 +39,21 @@ def encode_intensity(
     *,
     turn: int | None = None,
     memory: IntensityMemory | None = None,
-    goes_on: bool = False,
+    azimuth: npt.NDArray[np.uint16] | None = None,
 ) -> bytes:
     """Bytes of the intensities of the cells set in `returns`; 4 ms for 120,000 of them.
 
     values: (64, W) uint8; returns: (64, W) bool, which decoding needs; fired: (2, W) bool
     turn: columns in a full turn (`columns_in_turn`), 1 to 65535; by default found from the returns
-    memory: of a turn in parts; goes_on: whether this part goes on from those before it
+    memory: what to go on from, changed; without it, or where a value is new, the section begins anew
+    azimuth: (2, W) uint16, below 36000, of a memory that follows frames
 
     Raises SectionError if shapes do not fit, or a cell is set in a half that did not fire.
     """
     _check_values(values, returns, fired)
     columns = columns_of(turn)
     image = np.ascontiguousarray(values)
-    return _native.encode_intensity(image, as_bytes(returns), *frame_geometry(fired, sensor), columns, memory, goes_on)
+    return _native.encode_intensity(image, as_bytes(returns), *frame_geometry(fired, sensor), columns, memory, azimuth)
 
 
 def choose_levels(
@@ -82,16 +85,17 @@ def decode_intensity(
     sensor: SensorModel,
     *,
     memory: IntensityMemory | None = None,
+    azimuth: npt.NDArray[np.uint16] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """(64, W) uint8 intensities of the bytes, 0 outside of `returns`; 5 ms for 120,000 of them.
 
-    returns: (64, W) bool; fired: (2, W) bool; both as the encoder was given.
-    memory: of a turn in parts
+    returns: (64, W) bool; fired: (2, W) bool; azimuth: (2, W) uint16, below 36000; all as the encoder was given
+    memory: of all sections before this one; changed
 
     Raises SectionError or TruncatedError.
     """
     check_returns(returns, fired)
-    return _native.decode_intensity(data, as_bytes(returns), *frame_geometry(fired, sensor), memory)
+    return _native.decode_intensity(data, as_bytes(returns), *frame_geometry(fired, sensor), memory, azimuth)
 
 
 def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:

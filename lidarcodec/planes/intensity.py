@@ -89,14 +89,12 @@ def encode_intensity(
     turn: int | None = None,
     grouped: bool = False,
     memory: IntensityMemory | None = None,
-    goes_on: bool = False,
 ) -> bytes | None:
     """Bytes of the section, or None when intensity is off; 4 ms for 120,000 returns, 1.5 ms if grouped.
 
     A choice among few values takes 4 ms more. cells: (64, W), those that fired; turn: columns in a full turn, as for
-    the mask; grouped: take forms 0 to 2; memory: of a turn in parts; goes_on: whether the frame goes on from the part
-    before it. Values reduced to few begin anew in each part. Of a reduced frame intensities without a return are not
-    sent.
+    the mask; grouped: take forms 0 to 2; memory: what lossless intensities go on from, changed. Few values begin
+    anew in each message. Of a reduced frame intensities without a return are not sent.
     """
     if not quality.levels:
         return None
@@ -113,7 +111,7 @@ def encode_intensity(
             frame.sensor,
             turn=turn,
             memory=memory if quality.lossless else None,
-            goes_on=goes_on and quality.lossless,
+            azimuth=frame.azimuth,
         )
     )
     kind = 0 if grouped else MODELLED

@@ -58,13 +58,12 @@ def encode_planes(
     grouped_intensity: bool = False,
     encode_mask: EncodeMask | None = None,
     memory: IntensityMemory | None = None,
-    goes_on: bool = False,
 ) -> list[Section]:
     """Sections of a frame beside calibration and range.
 
     quality: of intensity; previous: mask that the mask coder may look at
     grouped_intensity: code intensities quickly instead of small; encode_mask: of streams that code masks with memory
-    memory: of intensities of a turn in parts; goes_on: whether the frame goes on from the part before it
+    memory: what intensities go on from
 
     Raises LidarCodecError for a frame that contradicts itself.
     """
@@ -76,9 +75,7 @@ def encode_planes(
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
         _mask_section(frame, previous, turn, encode_mask),
     ]
-    intensity = encode_intensity(
-        frame, cells, quality, turn=turn, grouped=grouped_intensity, memory=memory, goes_on=goes_on
-    )
+    intensity = encode_intensity(frame, cells, quality, turn=turn, grouped=grouped_intensity, memory=memory)
     if intensity is not None:
         sections.append(Section(SectionType.INTENSITY, intensity))
     if (side := frame.blocks) is not None:

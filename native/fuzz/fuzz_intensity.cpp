@@ -23,20 +23,32 @@ void check_round_trip(Bytes image, const Bytes& returns, const MaskGeometry& geo
   if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry) != image) std::abort();
 }
 
-// The same image three times, as parts of a turn that go on from each other.
-void check_parts(const Bytes& image, const Bytes& returns, const MaskGeometry& geometry, std::uint32_t turn) {
+// Azimuths of (2, W), below 36000.
+std::vector<std::uint16_t> azimuths(std::size_t width, std::uint8_t step) {
+  std::vector<std::uint16_t> angles(2 * width);
+  for (std::size_t i = 0; i < angles.size(); ++i) angles[i] = static_cast<std::uint16_t>(i * step * 37 % 36000);
+  return angles;
+}
+
+// The same image three times, as parts of a turn or, if it `follows`, frames that go on from each other.
+void check_parts(const Bytes& image, const Bytes& returns, const MaskGeometry& geometry, std::uint32_t turn,
+                 const std::vector<std::uint16_t>& angles, bool follows) {
   lidarcodec::IntensityMemory writes, reads;
+  writes.follows = follows;
   Bytes expected(image.size());
   for (std::size_t i = 0; i < image.size(); ++i) expected[i] = returns[i] != 0 ? image[i] : std::uint8_t{0};
   for (int part = 0; part < 3; ++part) {
-    const Bytes data = lidarcodec::encode_intensity(image.data(), returns.data(), geometry, turn, &writes, part > 0);
-    if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry, &reads) != expected)
+    const Bytes data =
+        lidarcodec::encode_intensity(image.data(), returns.data(), geometry, turn, &writes, angles.data());
+    if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry, &reads, angles.data()) !=
+        expected)
       std::abort();
   }
 }
 
 // A section whose header and symbols are sound, so that the input is read as the streams of the returns.
-Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t turn, std::uint8_t split) {
+Bytes with_sound_head(std::uint8_t kind, const Bytes& streams, std::uint8_t levels, std::uint32_t turn,
+                      std::uint8_t split) {
   lidarcodec::Symbols symbols;
   const std::size_t count = std::max<std::size_t>(levels, 2);
   for (std::size_t s = 0; s < count; ++s) {
@@ -48,7 +60,7 @@ Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t t
   lidarcodec::code_symbols(bits, symbols);
   bits.finish();
   const auto first = static_cast<std::uint8_t>(streams.size() * split / 256 % 256);
-  Bytes data = {1,
+  Bytes data = {kind,
                 static_cast<std::uint8_t>(turn),
                 static_cast<std::uint8_t>(turn >> 8),
                 0x60,
@@ -78,22 +90,25 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const Bytes returns = any.returns(holes);
 
   const Bytes rest = input.rest();
+  const std::vector<std::uint16_t> angles = azimuths(width, turned);
+  const auto decoded = [&](const Bytes& coded, lidarcodec::IntensityMemory* memory) {
+    return lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry, memory, angles.data());
+  };
   try {
-    const Bytes coded = (kind & 1u) ? with_sound_head(rest, levels, turn, split) : rest;
-    check_round_trip(lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry), returns,
-                     geometry, turn);
-    lidarcodec::IntensityMemory memory;  // of a part, and any bytes as one that goes on from it
-    lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry, &memory);
+    const std::uint8_t begins = (kind & 8u) ? 3 : 1;
+    const Bytes coded = (kind & 1u) ? with_sound_head(begins, rest, levels, turn, split) : rest;
+    lidarcodec::IntensityMemory memory;  // of a section, and any bytes as one that goes on from it
+    check_round_trip(decoded(coded, &memory), returns, geometry, turn);
     Bytes on = rest;
     if (!on.empty()) on[0] = 2;
-    lidarcodec::decode_intensity(on.data(), on.size(), returns.data(), geometry, &memory);
+    decoded(on, &memory);
   } catch (const lidarcodec::Error&) {
   }
   if (kind & 2u && !returns.empty() && !rest.empty()) {
     Bytes image(returns.size());
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = rest[i % rest.size()];
     check_round_trip(image, returns, geometry, turn);
-    check_parts(image, returns, geometry, turn);
+    check_parts(image, returns, geometry, turn, angles, (kind & 8u) != 0);
   }
   return 0;
 }

@@ -70,17 +70,20 @@ def test_any_intensities_come_back_and_native_writes_what_the_reference_writes(c
 
 
 @settings(max_examples=examples(30), deadline=None)
-@given(cases(), st.integers(0, 24), st.integers(0, 24))
-def test_parts_of_a_turn_go_on_from_each_other_as_the_reference_says(case, one: int, other: int) -> None:
+@given(cases(), st.integers(0, 24), st.integers(0, 24), st.booleans())
+def test_sections_go_on_from_each_other_as_the_reference_says(case, one: int, other: int, follows: bool) -> None:
     values, returns, fired, of = case
-    writes, reads, taught = IntensityMemory(), IntensityMemory(), []
+    writes, reads, taught = IntensityMemory(follows), IntensityMemory(), intensity.Memory()
+    azimuth = np.random.default_rng(one).integers(0, 36000, fired.shape, np.uint16)
     cuts = sorted({0, min(one, values.shape[1]), min(other, values.shape[1]), values.shape[1]})
-    for number, (begin, end) in enumerate(itertools.pairwise(cuts)):
-        part, seen, shot = (np.ascontiguousarray(image[:, begin:end]) for image in (values, returns, fired))
-        data = encode_intensity(part, seen, shot, of, memory=writes, goes_on=number > 0)
+    for begin, end in [*itertools.pairwise(cuts), (0, values.shape[1])]:  # parts of a turn, and the turn once more
+        given = (np.ascontiguousarray(image[:, begin:end]) for image in (values, returns, fired, azimuth))
+        part, seen, shot, angles = given
+        data = encode_intensity(part, seen, shot, of, memory=writes, azimuth=angles)
         expected = np.where(seen, part, 0)
-        np.testing.assert_array_equal(decode_intensity(data, seen, shot, of, memory=reads), expected)
-        came = intensity.decode_intensity(data, seen.view(np.uint8), layout_of(shot, of), taught)
+        came = decode_intensity(data, seen, shot, of, memory=reads, azimuth=angles)
+        np.testing.assert_array_equal(came, expected)
+        came = intensity.decode_intensity(data, seen.view(np.uint8), layout_of(shot, of), taught, angles)
         np.testing.assert_array_equal(came, expected)
 
 
@@ -89,13 +92,50 @@ def test_a_part_that_goes_on_costs_less_and_is_nothing_without_the_one_before() 
     returns = np.ones(values.shape, bool)
     memory = IntensityMemory()
     parts = [(values[:, at : at + 200].copy(), returns[:, :200], fired[:, :200]) for at in (0, 200, 400)]
-    on = [encode_intensity(*part, SENSOR, memory=memory, goes_on=number > 0) for number, part in enumerate(parts)]
+    on = [encode_intensity(*part, SENSOR, memory=memory) for part in parts]
     alone = [encode_intensity(*part, SENSOR) for part in parts]
     assert on[0] == alone[0]
     assert sum(map(len, on[1:])) < 0.99 * sum(map(len, alone[1:]))
     for reads in (None, IntensityMemory()):
-        with pytest.raises(SectionError, match="go on from a part"):
+        with pytest.raises(SectionError, match="go on where nothing began"):
             decode_intensity(on[1], *parts[1][1:], SENSOR, memory=reads)
+
+
+def turns(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Turns of a sensor that stands still: intensities with other noise in each, returns, what fired, azimuths."""
+    rng, width = np.random.default_rng(5), 360
+    fired, returns = all_fired(width), np.ones((64, width), bool)
+    azimuth = np.tile(np.arange(0, 36000, 36000 // width, dtype=np.uint16), (2, 1))
+    room = scene(width, 60).astype(np.int16)
+    noisy = ((room + rng.integers(-2, 3, room.shape)).clip(0, 255).astype(np.uint8) for _ in range(count))
+    return [(values, returns, fired, azimuth) for values in noisy]
+
+
+def test_a_turn_that_follows_others_costs_a_tenth_less() -> None:
+    memory = IntensityMemory(follows=True)
+    following, alone = [], []
+    for values, returns, fired, azimuth in turns(12):
+        following.append(len(encode_intensity(values, returns, fired, SENSOR, memory=memory, azimuth=azimuth)))
+        alone.append(len(encode_intensity(values, returns, fired, SENSOR)))
+    assert sum(following[6:]) < 0.9 * sum(alone[6:])
+
+
+def test_what_follows_needs_memory_and_azimuths_and_a_copy_of_the_memory_goes_on_alike() -> None:
+    memory, reads = IntensityMemory(follows=True), IntensityMemory()
+    first, second = turns(2)
+    with pytest.raises(SectionError, match="needs azimuths"):
+        encode_intensity(*first[:3], SENSOR, memory=memory)
+    data = [encode_intensity(*turn[:3], SENSOR, memory=memory, azimuth=turn[3]) for turn in (first, second)]
+    with pytest.raises(SectionError, match="of a stream, where none goes on"):
+        decode_intensity(data[0], *first[1:3], SENSOR)
+    with pytest.raises(SectionError, match="of a stream, where none goes on"):
+        decode_intensity(data[0], *first[1:3], SENSOR, memory=IntensityMemory())
+    with pytest.raises(SectionError, match=r"azimuths are \(2, W\)"):
+        decode_intensity(data[0], *first[1:3], SENSOR, memory=IntensityMemory(), azimuth=first[3][:, 1:].copy())
+    decode_intensity(data[0], *first[1:3], SENSOR, memory=reads, azimuth=first[3])
+    for kept in (reads.copy(), reads):
+        came = decode_intensity(data[1], *second[1:3], SENSOR, memory=kept, azimuth=second[3])
+        np.testing.assert_array_equal(came, second[0])
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
@@ -218,6 +258,8 @@ def test_every_cut_is_noticed_and_no_change_does_harm() -> None:
         (b"\1\0\0\1\0\1\0" + bytes(4), TruncatedError),
         (b"\1\0\0\1\0" + bytes(2) + b"\xff" * 4, TruncatedError),
         (b"\1\0\0\1\0" + bytes(6) + b"\xff" * 8, TruncatedError),
+        (b"\3\0\0\1\0" + bytes(6), SectionError),
+        (b"\4\0\0\1\0" + bytes(6), SectionError),
     ],
 )
 def test_damaged_headers_are_refused(data: bytes, error: type[DecodeError]) -> None:

@@ -116,8 +116,10 @@ def intensities(rng: np.random.Generator) -> Iterator[bytes]:
             returns = of.returns(holes)
             for levels in (1, 2, 16, 256):
                 values = (rng.integers(0, levels, returns.shape) * 255 // max(levels - 1, 1) * returns).astype(np.uint8)
-                section = _native.encode_intensity(values, returns.view(np.uint8), *of.given, 0)
-                yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
+                for memory in (None, _native.IntensityMemory(True)):
+                    given = (values, returns.view(np.uint8), *of.given, 0)
+                    section = _native.encode_intensity(*given, memory, np.zeros((2, width), np.uint16))
+                    yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
 
 
 def layers(rng: np.random.Generator) -> Iterator[bytes]:

@@ -14,13 +14,14 @@ from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, Layout
 from tests.reference.range_coder import BitModel, BitReader, Bits, BitWriter
 
-CONSTANT, CODED, GOES_ON = range(3)
+CONSTANT, CODED, GOES_ON, FOLLOWED = range(4)
 HEAD_BYTES: Final = 11
 ON_BYTES: Final = 9
 MAX_RATE: Final = 8191
 MASS_CLASSES: Final = 48
 ONE: Final = 32767
 RAREST: Final = 10
+DIRECTIONS, DIRECTION_STEP = 2000, 18
 WINDOW: Final = 1 << 64
 MOVE: Final = 1 << 32
 
@@ -176,10 +177,9 @@ class Cells:
 
     def sum(self, contexts: list[tuple[int, ...]], level: int, way: int) -> int:
         """Log odds of a decision in all contexts."""
-        a, b, c, d, e, f, g = (self._get(context, level, way) for context in contexts)
-        return clamp16(
-            clamp16(clamp16(a + b) + clamp16(c + d)) + clamp16(clamp16(e + f) + g),
-        )
+        a, b, c, d, e, f, g, *of_row = (self._get(context, level, way) for context in contexts)
+        alone = clamp16(clamp16(clamp16(a + b) + clamp16(c + d)) + clamp16(clamp16(e + f) + g))
+        return clamp16(alone + clamp16(sum(of_row)))
 
     def move(self, contexts: list[tuple[int, ...]], level: int, way: int, by: int) -> None:
         """Learn a decision."""
@@ -215,20 +215,48 @@ def probability_of(odds: int) -> int:
     return rare if odds < 0 else ONE - rare
 
 
-def contexts_of(last: list[int], up: list[int], gap: int, edges: int, s: Symbols) -> list[tuple[int, ...]]:
-    """Contexts of a return. last: four symbols of its row, latest first; up: cells -1 to 2 of the row above."""
+class Sent:
+    """What a stream sent last in each direction of each row."""
+
+    def __init__(self) -> None:
+        self._values: dict[tuple[int, int], int] = {}
+
+    def put(self, row: int, direction: int, value: int | None) -> None:
+        """Value of a return, or None."""
+        self._values.pop((row, direction), None)
+        if value is not None:
+            self._values[row, direction] = value
+
+    def before(self, row: int, direction: int, s: Symbols) -> int:
+        """The class of what was sent around a direction; 0 if nothing was."""
+        around = [self._values.get((row, (direction + step) % DIRECTIONS)) for step in (0, 0, -1, 1)]
+        known = [s.values.index(value) if value in s.values else 0 for value in around if value is not None]
+        return 1 + s.classes[sum(known) // len(known)] // 3 if known else 0
+
+
+def contexts_of(
+    last: list[int], up: list[int], gap: int, edges: int, s: Symbols, of_row: tuple[int, int] | None
+) -> list[tuple[int, ...]]:
+    """Contexts of a return. last: four symbols of its row, latest first; up: cells -1 to 2 of the row above.
+
+    of_row: where frames go on from each other, the row, and the class of what was sent around the direction
+    """
     a, b, c, d = last
     guess, around = (2 * (a + b) + c + d + up[1] + up[2]) // 8, sum(up) // 4
     of3, of6, of8, of12 = ([x // n for x in s.classes] for n in (3, 6, 8, 12))
     fine = [symbol // 2 if s.depth == 8 else symbol for symbol in range(len(s.values))]
+    of2, of10 = ([x // n for x in s.classes] for n in (2, 10))
+    row, before = of_row or (0, 0)
+    more = [] if of_row is None else [(7, row, of2[a]), (8, row, of10[b], of10[a])]
     return [
-        (0, of3[guess], of3[a]),
+        (0, of3[guess], of3[a] if of_row is None else before),
         (1, fine[a], of3[b]),
         (2, fine[b], of3[a]),
         (3, of6[a], of6[b], of6[c]),
         (4, of8[a], of8[b], of8[c], of8[d]),
         (5, gap),
         (6, edges, of6[a], of12[around]),
+        *more,
     ]
 
 
@@ -238,14 +266,14 @@ Coder = WideWriter | WideReader
 class RowCoder:
     """Codes rows of symbols, the two halves of a row in turns."""
 
-    def __init__(self, symbols: Symbols, rate: int, coders: tuple[Coder, Coder]) -> None:
-        self._symbols, self._rate, self._coders = symbols, rate, coders
+    def __init__(self, symbols: Symbols, rate: int, coders: tuple[Coder, Coder], sent: Sent | None = None) -> None:
+        self._symbols, self._rate, self._coders, self._sent = symbols, rate, coders, sent
         self._cells = Cells(symbols)
         self._last = [[0] * 4, [0] * 4]
         self._ends: dict[int, list[int]] = {}
 
     def go_on(self, rate: int, coders: tuple[Coder, Coder]) -> RowCoder:
-        """This coder, for the next part of a turn."""
+        """This coder, for the next section."""
         self._rate, self._coders = rate, coders
         return self
 
@@ -254,8 +282,14 @@ class RowCoder:
         """The values in use."""
         return self._symbols.values
 
-    def code(self, number: int, mask: list[int], above: list[int], row: list[int]) -> None:
+    @property
+    def follows(self) -> bool:
+        """Whether frames go on from each other."""
+        return self._sent is not None
+
+    def code(self, number: int, mask: list[int], above: list[int], row: list[int], directions: list[int]) -> None:
         """Code a row in place. mask: which cells are returns; above: cell k of the row above is at k + 8."""
+        sent = [self._sent.before(number, at, self._symbols) for at in directions] if self._sent else []
         cells = [k for k in range(len(row)) if mask[k]]
         half = (len(cells) + 1) // 2
         for h, first in enumerate((0, half)):
@@ -270,7 +304,8 @@ class RowCoder:
                 k, before = cells[j], cells[j - 1] if j else -1
                 edges = 2 * (k > 0 and not mask[k - 1]) + (k + 1 < len(row) and not mask[k + 1])
                 gap = min(k - before - 1, 3)
-                about.append(contexts_of(self._last[h], above[k + 7 : k + 11], gap, edges, self._symbols))
+                of_row = (number, sent[k]) if self._sent else None
+                about.append(contexts_of(self._last[h], above[k + 7 : k + 11], gap, edges, self._symbols, of_row))
             leaves = self._walk([h for h, _ in turn], about, [self._symbols.leaf[row[cells[j]]] for _, j in turn])
             for (h, j), leaf in zip(turn, leaves, strict=True):
                 if leaf not in self._symbols.leaf:
@@ -279,6 +314,8 @@ class RowCoder:
                 self._last[h] = [row[cells[j]], *self._last[h][:3]]
         if cells:
             self._ends[number] = self._last[len(cells) > 1]
+        for k, at in enumerate(directions if self._sent else []):
+            self._sent.put(number, at, self.values[row[k]] if mask[k] else None)
 
     def _walk(self, halves: list[int], about: list[list[tuple[int, ...]]], leaves: list[int]) -> list[int]:
         depth, ways = self._symbols.depth, [0] * len(halves)
@@ -296,12 +333,22 @@ class RowCoder:
         return ways
 
 
-def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn: int, coder: RowCoder) -> None:
-    """Code all rows of symbols in place. mask: closed-up rows."""
+def code_rows(
+    layout: Layout,
+    mask: list[list[int]],
+    rows: list[list[int]],
+    turn: int,
+    coder: RowCoder,
+    azimuth: npt.NDArray[np.uint16] | None = None,
+) -> None:
+    """Code all rows of symbols in place. mask: closed-up rows; azimuth: (2, W), where frames go on from each other."""
     filled: list[list[int]] = []
+    directions: list[list[int]] = [[], []]
+    if azimuth is not None:
+        directions = [[int(azimuth[half, at]) // DIRECTION_STEP for at in layout.columns[half]] for half in (0, 1)]
     for row in range(ROWS):
         above = layout.above(filled, row - 1, row, turn)
-        coder.code(row, mask[row], above, rows[row])
+        coder.code(row, mask[row], above, rows[row], directions[layout.half[row]])
         seen = above[8 : 8 + len(rows[row])]
         symbol = next((s for s, is_return in zip(rows[row], mask[row], strict=True) if is_return), None)
         if symbol is not None:
@@ -333,8 +380,22 @@ def encode_intensity(values: Image, returns: Image, layout: Layout, turn: int, r
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + announced + first + second
 
 
-def decode_intensity(data: bytes, returns: Image, layout: Layout, taught: list[RowCoder] | None = None) -> Image:
-    """(64, W) uint8. taught: of a turn in parts, the coder of the part before; gets that of this one.
+class Memory:
+    """What sections taught."""
+
+    def __init__(self) -> None:
+        self.coder: RowCoder | None = None
+        self.sent = Sent()
+
+
+def decode_intensity(
+    data: bytes,
+    returns: Image,
+    layout: Layout,
+    memory: Memory | None = None,
+    azimuth: npt.NDArray[np.uint16] | None = None,
+) -> Image:
+    """(64, W) uint8. memory: what to go on from, changed; azimuth: (2, W).
 
     Raises SectionError or TruncatedError.
     """
@@ -350,9 +411,12 @@ def decode_intensity(data: bytes, returns: Image, layout: Layout, taught: list[R
             raise SectionError("bytes after the end of intensities", 2)
         image[returns != 0] = data[1]
         return image
-    if data[0] not in (CODED, GOES_ON) or (data[0] == GOES_ON and not taught):
-        raise SectionError("intensities of an unknown kind, or without the part that they go on from")
-    begins = data[0] == CODED
+    before = None if memory is None else memory.coder
+    if data[0] > FOLLOWED or (data[0] == GOES_ON and before is None):
+        raise SectionError("intensities of an unknown kind, or that go on where nothing began")
+    begins, follows = data[0] != GOES_ON, data[0] == FOLLOWED or (data[0] == GOES_ON and before.follows)
+    if follows and (memory is None or azimuth is None):
+        raise SectionError("intensities of a stream, where none goes on")
     size = HEAD_BYTES if begins else ON_BYTES
     if len(data) < size:
         raise TruncatedError("intensities end within their header", len(data))
@@ -370,15 +434,16 @@ def decode_intensity(data: bytes, returns: Image, layout: Layout, taught: list[R
         bits.finish()
         if len(values) < 2:
             raise SectionError("intensities of fewer than two values", HEAD_BYTES)
-        coder_of_rows = RowCoder(Symbols(values, classes), rate, coders)
+        sent = memory.sent if follows and memory else None
+        coder_of_rows = RowCoder(Symbols(values, classes), rate, coders, sent)
     else:
-        assert taught is not None
-        coder_of_rows = taught.pop().go_on(rate, coders)
+        assert before is not None
+        coder_of_rows = before.go_on(rate, coders)
         values = coder_of_rows.values
     rows = [[0] * len(row) for row in mask]
-    code_rows(layout, mask, rows, turn, coder_of_rows)
-    if taught is not None:
-        taught[:] = [coder_of_rows]
+    code_rows(layout, mask, rows, turn, coder_of_rows, azimuth if follows else None)
+    if memory is not None:
+        memory.coder = coder_of_rows
     for coder in coders:
         coder.finish()
     for row in range(ROWS):

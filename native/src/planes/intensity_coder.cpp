@@ -10,20 +10,31 @@
 #include "planes/intensity_rows.hpp"
 
 namespace lidarcodec {
+
+void forget_models(IntensityMemory& memory) {
+  memory.cells.clear();
+  memory.ended = {};
+  memory.returns = 0;
+}
+
 namespace {
 
-enum Kind : std::uint8_t { kConstant = 0, kCoded = 1, kGoesOn = 2 };
+enum Kind : std::uint8_t { kConstant = 0, kCoded = 1, kGoesOn = 2, kFollowed = 3 };
 
 constexpr std::size_t kConstantBytes = 2;  // kind, value
 constexpr std::size_t kHeadBytes = 11;     // kind, turn u16, rate u16, bytes of the symbols u16 and first stream u32
-constexpr std::size_t kOnBytes = 9;        // the same without symbols, of a part that goes on
+constexpr std::size_t kOnBytes = 9;        // the same without symbols, of a section that goes on
 constexpr std::uint32_t kMaxRate = 8191;
 
-// The learning rate: higher for frames with fewer returns. Fitted to KITTI frames cut into pieces of each size.
-std::uint32_t rate_for(std::size_t returns) {
-  constexpr std::array<std::uint32_t, 5> rates = {1700, 1450, 1220, 1020, 860};
+// The learning rate: higher where fewer returns were seen. Fitted to KITTI frames cut into pieces of each size, and for
+// more returns to streams of two drives (0001 and 0013).
+std::uint32_t rate_for(const IntensityMemory& memory) {
+  constexpr std::array<std::uint32_t, 9> rates = {1700, 1450, 1220, 1020, 860, 600, 420, 300, 200};
+  constexpr std::size_t in_a_frame = 5;
   std::size_t size = 0;
-  for (std::size_t limit = 8192; size + 1 < rates.size() && returns >= limit; limit *= 2) ++size;
+  for (std::size_t limit = 8192; size + 1 < (memory.follows ? rates.size() : in_a_frame) && memory.returns >= limit;
+       limit *= 2)
+    ++size;
   return rates[size];
 }
 
@@ -33,15 +44,19 @@ struct Stream {
 
 // Codes all rows of an image, (64, W). Cells without a return are neither read nor written. memory: of the symbols;
 // changed.
-template <int Depth, class Coder, class Image>
-void code_rows(IntensityMemory& memory, const Stream& stream, const MaskLayout& layout, const ClosedRows& returned,
-               std::size_t width, typename RowCoder<Depth, Coder>::Halves& halves, Image* image) {
+template <int Most, bool Follows, class Coder, class Image>
+void code_rows(IntensityMemory& memory, const Stream& stream, const MaskLayout& layout, const MaskGeometry& geometry,
+               const ClosedRows& returned, const std::uint16_t* azimuth,
+               typename RowCoder<Most, Follows, Coder>::Halves& halves, Image* image) {
   const Symbols& symbols = memory.symbols;
-  RowCoder<Depth, Coder> coder(symbols, std::move(memory.cells), stream.rate, halves);
+  const std::size_t width = geometry.width;
+  RowCoder<Most, Follows, Coder> coder(symbols, std::move(memory.cells), stream.rate, halves);
   memory.cells.clear();
   RowReturns returns(width);
   PaddedRow above(width);
   std::vector<std::uint8_t> here(width), before(width);  // symbols
+  std::vector<std::uint16_t> directions(2 * width);
+  if constexpr (Follows) std::transform(azimuth, azimuth + 2 * width, directions.begin(), IntensityTurn::direction);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const std::size_t n = layout.cells(row);
     if (row == 0) {
@@ -56,10 +71,18 @@ void code_rows(IntensityMemory& memory, const Stream& stream, const MaskLayout& 
     const auto for_each_return = [&](const auto& act) {
       for (std::size_t i = 0; i < returns.count; ++i) act(here[returns.cell[i]], of_row[columns[returns.cell[i]]]);
     };
+    const std::uint16_t* const direction = directions.data() + geometry.half[row] * width;
+    if constexpr (Follows)
+      for (std::size_t i = 0; i < returns.count; ++i)
+        returns.before[i] = memory.turn.before(row, direction[columns[returns.cell[i]]], symbols);
     if constexpr (!coder.kReads) for_each_return([&](auto& symbol, auto& value) { symbol = symbols.of_value[value]; });
-    coder.code(returns, above.cells(), memory.ended[row] ? &memory.last[row] : nullptr, here.data());
+    coder.code(row, returns, above.cells(), memory.ended[row] ? &memory.last[row] : nullptr, here.data());
     if constexpr (coder.kReads) for_each_return([&](auto& symbol, auto& value) { value = symbols.value[symbol]; });
 
+    if constexpr (Follows)
+      for (std::size_t k = 0; k < n; ++k)
+        memory.turn.remember(row, direction[columns[k]],
+                             is_return[k] != 0 ? symbols.value[here[k]] : IntensityTurn::kNothing);
     // For the row below, cells without a return take the symbol to their left, or the first one of the row.
     if (returns.count == 0) {
       std::copy_n(above.cells(), n, here.begin());
@@ -74,26 +97,27 @@ void code_rows(IntensityMemory& memory, const Stream& stream, const MaskLayout& 
   memory.cells = coder.give_cells();
 }
 
+template <bool Follows, class Coder, class... Given>
+void code_rows_as(IntensityMemory& memory, Given&&... given) {
+  switch (memory.symbols.depth) {
+    case 8:
+      return code_rows<8, Follows, Coder>(memory, given...);
+    case 7:
+      return code_rows<7, Follows, Coder>(memory, given...);
+    case 6:
+    case 5:
+      return code_rows<6, Follows, Coder>(memory, given...);
+    default:
+      return code_rows<4, Follows, Coder>(memory, given...);
+  }
+}
+
 template <class Coder, class... Given>
 void code_rows_of(IntensityMemory& memory, Given&&... given) {
-  switch (memory.symbols.depth) {
-    case 1:
-      return code_rows<1, Coder>(memory, given...);
-    case 2:
-      return code_rows<2, Coder>(memory, given...);
-    case 3:
-      return code_rows<3, Coder>(memory, given...);
-    case 4:
-      return code_rows<4, Coder>(memory, given...);
-    case 5:
-      return code_rows<5, Coder>(memory, given...);
-    case 6:
-      return code_rows<6, Coder>(memory, given...);
-    case 7:
-      return code_rows<7, Coder>(memory, given...);
-    default:
-      return code_rows<8, Coder>(memory, given...);
-  }
+  if (memory.follows)
+    code_rows_as<true, Coder>(memory, given...);
+  else
+    code_rows_as<false, Coder>(memory, given...);
 }
 
 void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
@@ -108,8 +132,7 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 
 void begin_models(IntensityMemory& memory, Symbols&& symbols) {
   memory.symbols = std::move(symbols);
-  memory.cells.clear();
-  memory.ended = {};
+  forget_models(memory);
 }
 
 // Whether all values of `few` are among those of `many`. Both rise.
@@ -119,32 +142,24 @@ bool has_all(const Symbols& many, const Symbols& few) {
 
 }  // namespace
 
-void begin_turn(IntensityMemory& memory) {
-  memory.cells.clear();
-  memory.ended = {};
-  memory.returns = 0;
-}
-
 std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std::uint8_t* returns,
                                            const MaskGeometry& geometry, std::uint32_t turn, IntensityMemory* memory,
-                                           bool goes_on) {
+                                           const std::uint16_t* azimuth) {
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
   IntensityMemory alone;
   IntensityMemory& taught = memory == nullptr ? alone : *memory;
-  if (!goes_on) begin_turn(taught);
+  if (taught.follows && azimuth == nullptr) throw Error(ErrorCode::Section, "a stream of intensities needs azimuths");
   if (returned.returns == 0) return {};
 
   std::array<std::size_t, 256> counts{};
   for (std::size_t i = 0; i < kMaskRows * width; ++i) counts[values[i]] += returns[i] != 0;
   Symbols symbols = symbols_of(counts);
   if (symbols.count() == 1) return {kConstant, symbols.value[0]};
-  taught.returns += returned.returns;
-  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width), rate_for(taught.returns)};
   std::vector<std::uint8_t> head;
-  goes_on = !taught.cells.empty() && has_all(taught.symbols, symbols);
+  const bool goes_on = !taught.cells.empty() && has_all(taught.symbols, symbols);
   if (!goes_on) {
     begin_models(taught, memory == nullptr ? std::move(symbols) : symbols_of(counts, taught.seen));
     taught.symbols.place();
@@ -152,15 +167,17 @@ std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std
     code_symbols(bits, taught.symbols);
     bits.finish();
   }
+  taught.returns += returned.returns;
+  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width), rate_for(taught)};
   std::array<Half<WideEncoder>, 2> halves;
-  code_rows_of<WideEncoder>(taught, stream, layout, returned, width, halves, values);
+  code_rows_of<WideEncoder>(taught, stream, layout, geometry, returned, azimuth, halves, values);
   for (const std::uint8_t value : taught.symbols.value) taught.seen[value] = true;
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
 
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + head.size() + first.size() + second.size());
-  put(out, goes_on ? kGoesOn : kCoded, 1);
+  put(out, goes_on ? kGoesOn : taught.follows ? kFollowed : kCoded, 1);
   put(out, stream.turn, 2);
   put(out, stream.rate, 2);
   if (!goes_on) put(out, head.size(), 2);
@@ -172,7 +189,8 @@ std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std
 }
 
 std::vector<std::uint8_t> decode_intensity(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
-                                           const MaskGeometry& geometry, IntensityMemory* memory) {
+                                           const MaskGeometry& geometry, IntensityMemory* memory,
+                                           const std::uint16_t* azimuth) {
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
@@ -187,12 +205,13 @@ std::vector<std::uint8_t> decode_intensity(const std::uint8_t* data, std::size_t
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = returns[i] != 0 ? data[1] : std::uint8_t{0};
     return image;
   }
-  if (data[0] != kCoded && data[0] != kGoesOn) throw Error(ErrorCode::Section, "intensities of an unknown kind");
-  const bool goes_on = data[0] == kGoesOn;
+  if (data[0] > kFollowed) throw Error(ErrorCode::Section, "intensities of an unknown kind");
+  const bool goes_on = data[0] == kGoesOn, follows = data[0] == kFollowed;
   IntensityMemory alone;
   IntensityMemory& taught = memory == nullptr ? alone : *memory;
-  if (goes_on && taught.cells.empty())
-    throw Error(ErrorCode::Section, "intensities that go on from a part of the turn that had none");
+  if (goes_on && taught.cells.empty()) throw Error(ErrorCode::Section, "intensities that go on where nothing began");
+  if ((goes_on ? taught.follows : follows) && (memory == nullptr || azimuth == nullptr))
+    throw Error(ErrorCode::Section, "intensities of a stream, where none goes on");
   const std::size_t head_bytes = goes_on ? kOnBytes : kHeadBytes;
   if (size < head_bytes) throw Error(ErrorCode::Truncated, "intensities end within their header", size);
   const Stream stream = {static_cast<std::uint32_t>(take(data + 1, 2)), static_cast<std::uint32_t>(take(data + 3, 2))};
@@ -211,12 +230,13 @@ std::vector<std::uint8_t> decode_intensity(const std::uint8_t* data, std::size_t
     if (symbols.count() < 2) throw Error(ErrorCode::Section, "intensities of fewer than two values", kHeadBytes);
     begin_models(taught, std::move(symbols));
     taught.symbols.place();
+    taught.follows = follows;
   }
   const std::uint8_t* streams = data + head_bytes + head;
   std::array<Half<WideDecoder>, 2> halves = {Half<WideDecoder>{WideDecoder(streams, first)},
                                              Half<WideDecoder>{WideDecoder(streams + first, rest - head - first)}};
   for (Half<WideDecoder>& half : halves) half.interval = half.coder.start();
-  code_rows_of<WideDecoder>(taught, stream, layout, returned, width, halves, image.data());
+  code_rows_of<WideDecoder>(taught, stream, layout, geometry, returned, azimuth, halves, image.data());
   for (const Half<WideDecoder>& half : halves) half.coder.finish(half.interval);
   return image;
 }

@@ -1,4 +1,5 @@
-// The seven contexts of an intensity, and the cells (bits/cells.hpp) of each.
+// The contexts of an intensity, and the cells (bits/cells.hpp) of each: seven, and of frames that go on from each other
+// two more.
 //
 // A symbol is coded as the path to its leaf in a binary tree, up to four levels first and then the others. A context
 // has cells for the decisions of the first levels, and for each of their ends cells for the others. The contexts are
@@ -7,9 +8,11 @@
 //   2 the one before, and the last                                     3 the last three
 //   4 the last four                                                    5 no-return cells since the last return
 //   6 no returns beside this one, the last symbol, and the row above
+//   7 the row, and the last symbol                                     8 the row, and the last two
 //
 // mostly in classes with about equal numbers of returns. Symbols of the same row predict best: each laser has its own
-// scale, and its intensities alternate, so the symbol before the last one is often closer than the last one.
+// scale, and its intensities alternate, so the symbol before the last one is often closer than the last one. Where
+// frames go on from each other, context 0 has what was sent last in this direction in place of the last symbol.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -22,9 +25,20 @@
 #include "bits/cells.hpp"
 #include "planes/intensity_symbols.hpp"
 
+// For what is called for every return. The decoder of the page stays small without.
+#if defined(__wasm__)
+#define LIDARCODEC_EACH_RETURN
+#define LIDARCODEC_UNROLL(times) _Pragma("clang loop unroll(disable)")
+#else
+#define LIDARCODEC_EACH_RETURN [[gnu::always_inline]]
+#define LIDARCODEC_PRAGMA(text) _Pragma(#text)
+#define LIDARCODEC_UNROLL(times) LIDARCODEC_PRAGMA(GCC unroll times)
+#endif
+
 namespace lidarcodec {
 
-inline constexpr std::size_t kContexts = 7;
+inline constexpr std::size_t kContexts = 9, kAloneContexts = 7;
+inline constexpr std::uint32_t kRowClasses = 24, kPairClasses = 5;
 
 // Symbols and cells around a return.
 struct Surroundings {
@@ -32,6 +46,7 @@ struct Surroundings {
   const std::uint8_t* above;  // its cell in the row above; read from -1 to 2
   std::uint8_t gap;           // no-return cells since the last return, 3 for more
   std::uint8_t edges;         // bit 1: the cell to the left is no return, bit 0: the one to the right
+  std::uint8_t before;        // class of what was sent last in this direction, 1 to 16; 0: nothing
 };
 
 // Where the cells of the contexts lie, and what they begin with, for a tree of any depth: it is found once for a
@@ -41,19 +56,24 @@ class IntensityTables {
   std::vector<Cells> give_cells() { return std::move(cells_); }
 
  protected:
-  // taught: cells of an earlier model of the same symbols, to go on from; empty: begins anew.
-  [[gnu::noinline]] IntensityTables(const Symbols& symbols, std::vector<Cells>&& taught)
-      : depth_(symbols.depth), first_(std::min(depth_, 4)) {
+  // taught: cells of an earlier model of the same symbols, to go on from; empty: begins anew. follows: frames go on
+  // from each other.
+  [[gnu::noinline]] IntensityTables(const Symbols& symbols, bool follows, std::vector<Cells>&& taught)
+      : depth_(symbols.depth), first_(std::min(depth_, 4)), guesses_(follows ? 17 : 16) {
     second_cells_ = depth_ == first_ ? 0 : depth_ - first_ < 4 ? 1 : 2;
     record_ = 2 + 16 * second_cells_;
     const std::uint32_t fine = fine_class(symbols.count() - 1) + 1;
-    const std::array<std::uint32_t, kContexts> sizes = {256, 16 * fine, 16 * fine, 512, 1296, 4, 128};
+    const std::array<std::uint32_t, kContexts> sizes = {
+        16 * guesses_, 16 * fine, 16 * fine, 512, 1296, 4, 128, 64 * kRowClasses, 64 * kPairClasses * kPairClasses};
     std::uint32_t total = 0;
-    for (std::size_t i = 0; i < kContexts; ++i) {
+    for (std::size_t i = 0; i < (follows ? kContexts : kAloneContexts); ++i) {
       begin_[i] = total * record_;
       total += sizes[i];
     }
-    for (std::size_t s = 0; s < symbols.count(); ++s) parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
+    for (std::size_t s = 0; s < symbols.count(); ++s) {
+      parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
+      of_row_[s] = {symbols.mass_class[s] / 2u * record_, symbols.mass_class[s] / 10u * record_};
+    }
     if (taught.size() == total * record_) {
       cells_ = std::move(taught);
       return;
@@ -71,6 +91,11 @@ class IntensityTables {
     std::uint32_t fourth, guess, around;
   };
 
+  // The same of the contexts of a row: of the last symbol, and of each of the last two.
+  struct RowParts {
+    std::uint32_t last, pair;
+  };
+
   std::uint32_t fine_class(std::size_t symbol) const { return static_cast<std::uint32_t>(symbol >> (depth_ == 8)); }
 
   Parts parts_of(std::uint32_t mass_class, std::uint32_t fine) const {
@@ -81,7 +106,7 @@ class IntensityTables {
             {in16 * r, fine * 16 * r, in8 * 8 * r, in6 * 36 * r},
             {in8 * r, in6 * 6 * r},
             in6 * r,
-            in16 * 16 * r,
+            in16 * guesses_ * r,
             in4 * r};
   }
 
@@ -106,7 +131,7 @@ class IntensityTables {
       for (end = s + 1; end < n && symbols.mass_class[end] / 3u == guess; ++end) {
       }
       const auto centre = static_cast<std::int32_t>(((s + end) << depth_) / n);  // in half leaves
-      Cells* const record = cells_.data() + begin_[0] + guess * 16 * record_;
+      Cells* const record = cells_.data() + begin_[0] + guess * guesses_ * record_;
       for (int level = 0; level < depth_; ++level) {
         const std::int32_t half = 1 << (depth_ - level);  // of the leaves below, in half leaves
         for (std::uint32_t way = 0; way < 1u << level; ++way) {
@@ -114,7 +139,7 @@ class IntensityTables {
           set(record, level, way, std::clamp(centre - middle, -half, half) * 21845 >> depth_);
         }
       }
-      for (std::uint32_t last = 1; last < 16; ++last) std::copy_n(record, record_, record + last * record_);
+      for (std::uint32_t other = 1; other < guesses_; ++other) std::copy_n(record, record_, record + other * record_);
     }
   }
 
@@ -135,41 +160,74 @@ class IntensityTables {
     }
   }
 
-  int depth_, first_;  // levels of the tree, and of those that are coded together first
+  int depth_, first_;      // levels of the tree, and of those that are coded together first
+  std::uint32_t guesses_;  // contexts 0 with the same guess
   std::uint32_t second_cells_ = 0, record_ = 0;
   std::array<Parts, 256> parts_{};
+  std::array<RowParts, 256> of_row_{};
   std::array<std::uint32_t, kContexts> begin_{};
   std::vector<Cells> cells_;
 };
 
-// `Depth` is that of the symbols' tree.
-template <int Depth>
+// `Most` is the depth of the symbols' tree, or a greater one whose records have the same form: 4, 6, 7 or 8. The usual
+// depths, 7 and 8, have code of their own; the others share some, which keeps the decoder of the page small. Follows:
+// frames go on from each other.
+template <int Most, bool Follows>
 class IntensityModel : public IntensityTables {
  public:
-  static constexpr int kFirst = std::min(Depth, 4);  // levels whose probabilities are computed together first
-  static constexpr int kSecond = Depth - kFirst;     // the other levels
+  static constexpr bool kHasSecond = Most > 4;
   static constexpr std::uint32_t kFirstCells = 2;
-  static constexpr std::uint32_t kSecondCells = kSecond == 0 ? 0 : kSecond < 4 ? 1 : 2;
+  static constexpr std::uint32_t kSecondCells = Most <= 4 ? 0 : Most < 8 ? 1 : 2;
   static constexpr std::uint32_t kRecord = kFirstCells + 16 * kSecondCells;  // cells of a context
-  using Named = std::array<Cells*, kContexts>;
+  static constexpr std::size_t kNamed = Follows ? kContexts : kAloneContexts;
+  using Named = std::array<Cells*, kNamed>;
 
-  IntensityModel(const Symbols& symbols, std::vector<Cells>&& taught) : IntensityTables(symbols, std::move(taught)) {}
+  IntensityModel(const Symbols& symbols, std::vector<Cells>&& taught)
+      : IntensityTables(symbols, Follows, std::move(taught)) {}
+
+  // Levels whose probabilities are computed together first, and the other levels; 0 if only known when it runs.
+  static constexpr int kFirst = kHasSecond ? 4 : 0, kSecond = Most >= 7 ? Most - 4 : 0;
+  int first_levels() const { return kHasSecond ? kFirst : depth_; }
+  int second_levels() const { return kSecond != 0 ? kSecond : depth_ - first_levels(); }
+
+  // Contexts 7 and 8 are those of this row from now on.
+  void begin_row(std::size_t row) {
+    const auto number = static_cast<std::uint32_t>(row);
+    row_ = {begin_[7] + number * (kRowClasses * kRecord), begin_[8] + number * (kPairClasses * kPairClasses * kRecord)};
+  }
 
   // The first cells of each context of a return.
-  Named contexts(const Surroundings& about) {
+  LIDARCODEC_EACH_RETURN Named contexts(const Surroundings& about) {
     const std::uint8_t *last = about.last, *up = about.above;
     const Parts &a = parts_[last[0]], &b = parts_[last[1]], &c = parts_[last[2]], &d = parts_[last[3]];
     const std::uint32_t guess = (2u * (last[0] + last[1]) + last[2] + last[3] + up[0] + up[1]) / 8;
     const std::uint32_t around = (0u + up[-1] + up[0] + up[1] + up[2]) / 4;
     Cells* const cells = cells_.data();
-    return {cells + (a.last[0] + parts_[guess].guess),
-            cells + (a.last[1] + b.second[0]),
-            cells + (a.last[2] + b.second[1]),
-            cells + (a.last[3] + b.second[2] + c.third[0]),
-            cells + (a.last[4] + b.second[3] + c.third[1] + d.fourth),
-            cells + (begin_[5] + about.gap * kRecord),
-            cells + (a.last[5] + about.edges * (32 * kRecord) + parts_[around].around)};
+    Cells* const first = cells + (Follows ? begin_[0] + about.before * kRecord : a.last[0]) + parts_[guess].guess;
+    Cells* const second = cells + (a.last[1] + b.second[0]);
+    Cells* const third = cells + (a.last[2] + b.second[1]);
+    Cells* const fourth = cells + (a.last[3] + b.second[2] + c.third[0]);
+    Cells* const fifth = cells + (a.last[4] + b.second[3] + c.third[1] + d.fourth);
+    Cells* const sixth = cells + (begin_[5] + about.gap * kRecord);
+    Cells* const seventh = cells + (a.last[5] + about.edges * (32 * kRecord) + parts_[around].around);
+    if constexpr (Follows) {
+      const RowParts &last_one = of_row_[last[0]], &one_before = of_row_[last[1]];
+      return {first,
+              second,
+              third,
+              fourth,
+              fifth,
+              sixth,
+              seventh,
+              cells + (row_[0] + last_one.last),
+              cells + (row_[1] + kPairClasses * one_before.pair + last_one.pair)};
+    } else {
+      return {first, second, third, fourth, fifth, sixth, seventh};
+    }
   }
+
+ private:
+  std::array<std::uint32_t, 2> row_{};
 };
 
 }  // namespace lidarcodec

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "mask/stream.hpp"
+#include "planes/intensity_coder.hpp"
 #include "predictive/coder.hpp"
 #include "session/history.hpp"
 
@@ -29,6 +30,7 @@ struct Remembered {
   // Of codecs that expect ranges; made for their streams alone, for they are large.
   std::optional<MaskStream> mask_stream;
   std::optional<StreamMemory> memory;
+  std::optional<IntensityMemory> intensities;
   std::unique_ptr<PredictiveCoder> coder;
   std::optional<UsedNets> used;
 
@@ -39,6 +41,7 @@ struct Remembered {
       : masks(other.masks),
         mask_stream(other.mask_stream),
         memory(other.memory),
+        intensities(other.intensities),
         coder(other.coder == nullptr ? nullptr : std::make_unique<PredictiveCoder>(*other.coder)),
         used(other.used) {}
   Remembered& operator=(const Remembered&) = delete;

@@ -10,8 +10,9 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::uint8_t kModelled = 3, kForms = 6, kAllFired = 1;  // of forms: 0 to 2 in groups, 3 to 5 modelled
-constexpr std::size_t kGroupBytes = 9;                            // first value u8, returns u32, size u32
+constexpr std::uint8_t kModelled = 3, kForms = 6;  // forms 0 to 2 are in groups, 3 to 5 modelled
+constexpr std::uint8_t kAllFired = 1, kFew = 2;    // of each three
+constexpr std::size_t kGroupBytes = 9;             // first value u8, returns u32, size u32
 constexpr std::size_t kPoseBytes = 96;
 constexpr double kRounded = 0.1, kFarthest = 1e9;
 constexpr std::uint16_t kTurn = 36'000;
@@ -77,7 +78,8 @@ void decode_intensities(const Message& message, const Outside& outside, const Se
   if (section->empty() || section->front() >= kForms)
     damaged("an intensity section of " + std::to_string(section->size()) + " bytes, or of an unknown form");
   const bool modelled = section->front() >= kModelled;
-  const bool all_fired = section->front() % kModelled == kAllFired;
+  const std::uint8_t form = section->front() % kModelled;
+  const bool all_fired = form == kAllFired;
   Bytes coded = section->subspan(1), others;
   if (all_fired) {
     if (coded.size() < 4) damaged("intensities that end within their size");
@@ -87,8 +89,9 @@ void decode_intensities(const Message& message, const Outside& outside, const Se
   }
   const std::vector<std::uint8_t>& returns = planes.returns;
   if (modelled) {
-    planes.intensity = decode_intensity(coded.data(), coded.size(), returns.data(),
-                                        sensor.geometry(planes.width, planes.fired.data()), &memory);
+    planes.intensity =
+        decode_intensity(coded.data(), coded.size(), returns.data(), sensor.geometry(planes.width, planes.fired.data()),
+                         form == kFew ? nullptr : &memory, planes.azimuth.data());
   } else {
     const auto count =
         static_cast<std::size_t>(std::count_if(returns.begin(), returns.end(), [](std::uint8_t r) { return r != 0; }));

@@ -22,7 +22,8 @@ struct Planes {
   std::vector<std::uint8_t> returns;    // (64, W), 0 or 1
 };
 
-// Fills `intensity`, 0 where nothing was sent. memory: of the parts of a turn. Raises Section or Truncated.
+// Fills `intensity`, 0 where nothing was sent. memory: what lossless intensities go on from; changed. Raises Section or
+// Truncated.
 void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes,
                         IntensityMemory& memory);
 

@@ -84,6 +84,7 @@ void Session::begin_stream(const Message& message) {
   if (!message.planes && expects_ranges(message.codec)) {
     now_.mask_stream.emplace();
     now_.memory.emplace();
+    now_.intensities.emplace();
     now_.coder = std::make_unique<PredictiveCoder>();
   }
   of_ = of;
@@ -163,7 +164,7 @@ void Session::decode_planes_of(const Message& message, SessionFrame& frame) {
   frame.sensor = sensors_.of(message, *outside_);
   refer(message);
   part_.reset();
-  if (!message.goes_on) begin_turn(intensities_);
+  if (!message.goes_on) forget_models(intensities_);
   frame.planes = planes_of(message, *frame.sensor);
   if (message.needs)
     now_.masks.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
@@ -187,6 +188,7 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
     if (!message.needs) {
       now_.memory->forget();
       now_.mask_stream->forget();
+      *now_.intensities = {};
       now_.coder->reset();
     }
   }
@@ -197,7 +199,7 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   planes.azimuth = std::move(azimuths.azimuth);
   planes.fired = std::move(azimuths.fired);
   decode_mask_of(message, sensor, planes);
-  decode_intensities(message, *outside_, sensor, planes, intensities_);
+  decode_intensities(message, *outside_, sensor, planes, now_.intensities ? *now_.intensities : intensities_);
   check_side(message);
   decode_pose(message);
   if (expects_ranges(message.codec))

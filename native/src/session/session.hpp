@@ -79,7 +79,7 @@ class Session {
   std::optional<std::uint64_t> last_;  // index of the frame that was decoded last, if others may need it
   Remembered now_;                     // after that frame
   KeptFrames kept_;                    // after frames before it
-  IntensityMemory intensities_;        // of the parts of a turn
+  IntensityMemory intensities_;        // of the parts of a turn, in codecs that expect no ranges
   std::optional<std::uint64_t> part_;  // index of the frame after which that is, if it was decoded
 
   std::shared_ptr<PlaneMemory> plane_memory_;           // of other sensors than an HDL-64E
