@@ -103,13 +103,12 @@ def peak_mib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
 
-def run(cases: int, seed: int, crash_dir: Path, only: str = "") -> dict[str, Counter[str]]:
-    """Outcome counts by target of `cases` cases in all. only: what the names of targets hold.
+def run(cases: int, seed: int, crash_dir: Path, todo: dict[str, Target]) -> dict[str, Counter[str]]:
+    """Outcome counts by target of `cases` cases in all.
 
     Raises whatever is not an error of the project, with the bytes kept in `crash_dir`.
     """
     outcomes: dict[str, Counter[str]] = {}
-    todo = {name: make for name, make in targets().items() if only in name}
     before = peak_mib()
     for name, make in todo.items():
         counts = outcomes[name] = Counter()
@@ -162,9 +161,8 @@ def main() -> None:
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
     warnings.simplefilter("error", RuntimeWarning)  # numpy's, which a viewer would see
     began = time.perf_counter()
-    outcomes = run(
-        options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, options.only
-    )
+    todo = {name: make for name, make in targets().items() if options.only in name}
+    outcomes = run(options.cases if options.only else options.cases * 3 // 4, options.seed, options.crashes, todo)
     if not options.only:
         outcomes |= run_sealed(options.cases // 4, options.seed, options.crashes)
     for name, counts in outcomes.items():
