@@ -13,12 +13,13 @@ import httpx
 from tests import asking, forks
 from tests.command_line import COMMAND, environment, run_here
 from tests.drives import simulated
+from tests.sweeps import ALL
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 LIMIT_S = 60.0
 """Longest wait for anything; a busy machine takes its time."""
-RATE_HZ = 2
+RATE_HZ = 2 if ALL else 1
 """Of a vehicle: enough to be live, and what simulates, decodes and draws it leaves time for the rest."""
 
 DRIVE_FRAMES = 30
