@@ -23,6 +23,8 @@ from tests.maps.towns import court, street, town
 TOWN = town(80.0, 20)
 RANDOM = np.random.default_rng(11)
 TURN_NS = 100_000_000
+POINTS = 2000
+"""Of a scan."""
 
 
 def pose_at(x, y, yaw, z=1.8):
@@ -36,7 +38,7 @@ def way(number):
     return pose_at(20 + 40 * np.sin(number / 40), 20 + 40 * (1 - np.cos(number / 40)), number / 40)
 
 
-def scan_at(pose, number, points=TOWN.xyz, most=2000):
+def scan_at(pose, number, points=TOWN.xyz, most=POINTS):
     """What a sensor at the pose sees, to 60 m, with noise of 1 cm."""
     seen = moved(invert(pose), points)
     seen = seen[np.einsum("ij,ij->i", seen, seen) < 60.0**2]
@@ -44,7 +46,7 @@ def scan_at(pose, number, points=TOWN.xyz, most=2000):
     return Scan(number * TURN_NS, seen.astype(np.float32), np.zeros(len(seen), np.float32))
 
 
-NOWHERE = Scan(0, RANDOM.uniform(-40, 40, (4000, 3)).astype(np.float32), np.zeros(4000, np.float32))
+NOWHERE = Scan(0, RANDOM.uniform(-40, 40, (POINTS, 3)).astype(np.float32), np.zeros(POINTS, np.float32))
 
 
 def written(path, points):
