@@ -141,9 +141,14 @@ class Fetches:
         return path, give_back
 
     def running(self, clip: Clip) -> Record | None:
-        """The fetch of this very clip that is not over; None if there is none."""
+        """The fetch of this very clip that goes on; None if there is none. One that was cancelled goes on no longer."""
         with self._wake:
-            return next((job.record for job in self._jobs.values() if job.record.clip == clip), None)
+            job = self._going(clip)
+            return None if job is None else job.record
+
+    def _going(self, clip: Clip) -> _Job | None:
+        """The same, with the lock held."""
+        return next((job for job in self._jobs.values() if job.record.clip == clip and not job.cancelled), None)
 
     def begin(self, clip: Clip, by: str, *, stays: bool = False) -> Record:
         """Fetch a clip, unless it is being fetched already.
@@ -182,7 +187,7 @@ class Fetches:
         """
         with self._writing:
             with self._wake:
-                job = next((one for one in self._jobs.values() if one.record.clip == clip), None)
+                job = self._going(clip)
                 done = [one for one in self._ended.values() if one.state == "complete" and one.clip == clip]
                 found = job.record if job is not None else done[-1] if done else None
                 if found is None or found.stays:
@@ -318,7 +323,13 @@ class Fetches:
             first = oldest_first
             if job.record.by.startswith(OF_MARK):
                 first = partial(largest_vehicles_first, job.record.clip.keys.vehicle, plan, done)
-            self._clips.make_room([plan, *others], done, self._forget, first)
+            self._clips.make_room([plan, *others], done, self._gives_way, first)
+
+    def _gives_way(self, record: Record) -> bool:
+        """Forget a fetch whose clip is to make room, unless it is read, or somebody wants to keep it by now."""
+        with self._wake:
+            now = self._ended.get(record.id)
+            return now is not None and not now.stays and self._forget(record)
 
     def _forget(self, record: Record) -> bool:
         """Forget a fetch that is over, unless its clip is being read. Returns whether it may be deleted now."""

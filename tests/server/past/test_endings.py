@@ -109,3 +109,49 @@ def test_a_clip_that_is_kept_at_the_moment_it_is_complete_stays_and_stays_comple
     keeping.join(60)
     (found,) = Clips(tmp_path / "clips", 1 << 30).records()
     assert (found.state, found.stays) == ("complete", True)
+
+
+def test_who_asks_for_a_clip_whose_fetch_was_just_cancelled_has_a_fetch_of_his_own(beginning, tmp_path):
+    """He joined the one that ended a moment later as cancelled: nobody fetched the clip of the mark that he set."""
+    fetches = beginning(Clips(tmp_path / "clips", 1 << 30))
+    write, writing, go_on = fetches._assemble, threading.Event(), threading.Event()
+
+    def assembled(job, plan):
+        writing.set()
+        assert go_on.wait(60)
+        return write(job, plan)
+
+    fetches._assemble = assembled
+    cancelled = fetches.begin(CLIP, "olga")
+    assert writing.wait(60)
+    fetches.cancel(cancelled.id)
+    assert fetches.running(CLIP) is None
+    assert fetches.keep(CLIP) is None
+    record = fetches.begin(CLIP, "otto", stays=True)
+    go_on.set()
+    assert eventually(lambda: state(fetches, record) == "complete", 60)
+    assert record.id != cancelled.id
+    assert state(fetches, cancelled) == "cancelled"
+    assert fetches.here(CLIP).stays
+
+
+def test_a_clip_that_is_kept_while_another_fetch_makes_room_is_not_deleted(beginning, tmp_path):
+    """Somebody marked its span, and was told that the clip is here and stays; a moment later it was gone."""
+
+    class Reading(Clips):
+        """A folder of clips in which one is kept after it was found that others may give way."""
+
+        def take_from_clips(self, plan, done):
+            super().take_from_clips(plan, done)
+            if done:
+                self.max_bytes = 2 * sum(piece.size for piece in plan.there) + done[0].size - 1
+                fetches.keep(CLIP)
+
+    clips = Reading(tmp_path / "clips", 1 << 30)
+    fetches = beginning(clips)
+    record = fetches.begin(CLIP, "olga")
+    assert eventually(lambda: state(fetches, record) == "complete", 60)
+    other = fetches.begin(Clip(KEYS, at(32), at(42)), "otto")
+    assert eventually(lambda: state(fetches, other) == "failed", 60)
+    assert clips.clip_file(record).is_file()
+    assert fetches.here(CLIP).stays
