@@ -126,10 +126,10 @@ def test_a_refused_change_leaves_what_was_wanted_before(store):
     store.finish(store.begin(CAR, "otto", "settings", {}, None, {"codec": "raw"}), "applied")
     entry = store.begin(CAR, "otto", "settings", {}, None, {"codec": "jxl"})
     assert store.desired(CAR) == {"codec": "jxl"}
-    store.finish(entry, "refused", reason="no", restore=(CAR, {"codec": "raw"}))
+    store.finish(entry, "refused", reason="no", restore=(CAR, {"codec": "raw"}, {"codec": "jxl"}))
     assert store.desired(CAR) == {"codec": "raw"}
     first = store.begin(StreamKeys("new", "roof"), "otto", "settings", {}, None, {"codec": "jxl"})
-    store.finish(first, "refused", restore=(StreamKeys("new", "roof"), {}))
+    store.finish(first, "refused", restore=(StreamKeys("new", "roof"), {}, {"codec": "jxl"}))
     assert store.all_desired() == [CAR]
 
 

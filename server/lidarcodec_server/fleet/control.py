@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from lidarcodec.apps.control import asked_by
@@ -24,9 +25,10 @@ from lidarcodec_server.fleet.answers import Applied, AwayError, RefusedError, St
 from lidarcodec_server.fleet.desired import in_step, overlaid, wanted_with
 from lidarcodec_server.fleet.fleet import Fleet
 from lidarcodec_server.fleet.rivals import Override, Rivals
-from lidarcodec_server.fleet.turns import Turns
+from lidarcodec_server.fleet.turns import BusyError, Turns
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store.store import Store
+from lidarcodec_server.store.wanted import ChangedError
 from lidarcodec_server.told import (
     check_names,
     check_settings_size,
@@ -49,6 +51,8 @@ AGAIN_S = 2.0
 RARELY_S = 60.0
 """First and longest wait before a connected vehicle that did not answer is asked again."""
 WORKERS = 4
+TRIES = 10
+"""Most tries of a change while another server with the same database changes the same stream."""
 CLOSE_S = 2.0
 """Longest wait for answers of vehicles when the server stops; the settings are in the store anyway."""
 MAX_REASON, MAX_FIELD = 500, 100
@@ -129,19 +133,17 @@ class Control:
             current = None if stream is None else stream.settings
             if alive:
                 current = self._ask_settings(keys) or current
-            before = self._store.desired(keys)
-            wanted = wanted_with(before, changes, current)
-            asked = {field: wanted[field] for field in changes}
-            old = None if current is None else current.model_dump()
-            entry = self._store.begin(keys, who, "settings", asked, old, wanted)
+            entry, before, wanted = self._begin(keys, changes, who, current)
             entered()
             try:
                 if alive and keys in self._resets:  # it is back, and its settings were deleted while it was away
                     self._reset(keys)
                 applied = self._send(keys, wanted, who) if alive else None
             except RefusedError as error:
-                self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
+                self._store.finish(entry, "refused", reason=str(error), restore=(keys, before, wanted))
                 raise
+            if applied is not None:
+                applied, wanted = self._send_newer(keys, applied, wanted, who)
             self._refusals.pop(keys, None)
             self._rivals.forget(keys)
             self._finish(keys, entry, applied)
@@ -152,6 +154,34 @@ class Control:
             self._fleet.answered(keys, applied.settings)
             desired = overlaid(wanted, applied.settings)
             return State(applied.settings, desired, wanted, applied.first_frame, images=self._images(keys))
+
+    def _begin(
+        self, keys: StreamKeys, changes: dict[str, Any], who: str, current: StreamSettings | None
+    ) -> tuple[int, dict[str, Any], dict[str, Any]]:
+        """Store a change. Returns its entry in the audit log, and what was wanted before, and is now."""
+        for _ in range(TRIES):
+            before = self._store.desired(keys)
+            wanted = wanted_with(before, changes, current)
+            asked = {field: wanted[field] for field in changes}
+            old = None if current is None else current.model_dump()
+            with suppress(ChangedError):
+                return self._store.begin(keys, who, "settings", asked, old, wanted, before), before, wanted
+        raise BusyError(f"another server changes the settings of {keys.vehicle}/{keys.sensor}: try again later")
+
+    def _send_newer(
+        self, keys: StreamKeys, applied: Applied, wanted: dict[str, Any], who: str
+    ) -> tuple[Applied, dict[str, Any]]:
+        """Send what another server with the same database has stored meanwhile. Returns what is applied and wanted."""
+        try:
+            for _ in range(TRIES):
+                newer = self._store.desired(keys)
+                sent = None if not newer or newer == wanted else self._send(keys, newer, who)
+                if sent is None:
+                    break
+                applied, wanted = sent, newer
+        except LidarCodecError as error:  # that server sends it, or tells its operator why not
+            self._warnings.warning("%s: what another server has stored was not sent: %s", keys.prefix, error)
+        return applied, wanted
 
     def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
         """Delete the settings of operators, and have the vehicle return to those of its command line: now, or as soon
@@ -254,13 +284,13 @@ class Control:
         with self._turns.hold(keys):
             stream = self._fleet.get(keys)
             wanted = self._store.desired(keys)
+            changed = self._rivals.to_tell(keys, wanted)
             if stream is None or not stream.alive:
                 return True
             if keys in self._resets and self._reset(keys) is None:
                 return False
             if not wanted:
                 return True
-            changed = self._rivals.to_tell(keys)
             if changed is not None or self._rivals.leave_it(keys):
                 self._leave_to_others(keys, wanted, changed)
                 return True
@@ -281,6 +311,7 @@ class Control:
                 return True
             if applied is None:  # no audit entry: a vehicle that never answers would fill the log
                 return False
+            applied, wanted = self._send_newer(keys, applied, wanted, KEEPS)
             self._refusals.pop(keys, None)
             new = applied.settings.model_dump()
             outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}

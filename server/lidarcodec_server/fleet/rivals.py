@@ -39,7 +39,8 @@ class Rivals:
         self._lock = threading.Lock()
         self._sent: dict[StreamKeys, dict[str, Any]] = {}
         self._overridden: dict[StreamKeys, deque[float]] = {}
-        self._to_tell: dict[StreamKeys, Override] = {}
+        self._to_tell: dict[StreamKeys, tuple[Override, dict[str, Any]]] = {}
+        """With what was sent."""
 
     def sent(self, keys: StreamKeys, wanted: dict[str, Any]) -> None:
         """A vehicle has accepted the wanted settings."""
@@ -73,13 +74,22 @@ class Rivals:
             differ = [
                 f"{name} is {values[name]}, not {value}" for name, value in wanted.items() if values[name] != value
             ]
-            self._to_tell[keys] = Override(", ".join(differ)[:300], new)
+            self._to_tell[keys] = Override(", ".join(differ)[:300], new), wanted
             return True
 
-    def to_tell(self, keys: StreamKeys) -> Override | None:
-        """The changes of another program that were not reported yet."""
+    def to_tell(self, keys: StreamKeys, wanted: dict[str, Any] | None = None) -> Override | None:
+        """The changes of another program that were not reported yet.
+
+        wanted: what operators want now. If that is not what was sent here, another server with the same database has
+        sent it: this is no override, and does not count
+        """
         with self._lock:
-            return self._to_tell.pop(keys, None)
+            told, sent = self._to_tell.pop(keys, (None, None))
+            if told is None or wanted is None or wanted == sent:
+                return told
+            if keys in self._overridden:
+                self._overridden[keys].pop()
+            return None
 
     def leave_it(self, keys: StreamKeys) -> bool:
         """Whether this server was overridden so often that it should send nothing more."""

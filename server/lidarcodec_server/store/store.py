@@ -18,7 +18,6 @@ from sqlalchemy.engine import Connection
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from lidarcodec.errors import SettingsError
-from lidarcodec.settings import settings_from
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
@@ -28,7 +27,7 @@ from lidarcodec_server.store.patience import Patience
 from lidarcodec_server.store.storable import storable
 from lidarcodec_server.store.tables import audit, desired, facts, tokens
 from lidarcodec_server.store.trial import try_a_change
-from lidarcodec_server.told import check_settings_size
+from lidarcodec_server.store.wanted import ChangedError, keep, read, undone
 
 logger = logging.getLogger(__name__)
 
@@ -180,7 +179,7 @@ class Store:
     def desired(self, keys: StreamKeys) -> dict[str, Any]:
         """The settings that operators set for a stream; empty if there are none."""
         with self._reading() as connection:
-            return self._desired(connection, keys)
+            return read(connection, keys, self._warnings)
 
     def all_desired(self) -> list[StreamKeys]:
         """The streams with settings of operators, sorted by name."""
@@ -196,15 +195,25 @@ class Store:
         changes: dict[str, Any],
         old: dict[str, Any] | None,
         wanted: dict[str, Any] | None = None,
+        before: dict[str, Any] | None = None,
     ) -> int:
         """Write an audit entry for a change that is about to happen, and store the wanted settings, if given.
         Returns the entry's id. An empty `wanted` deletes the stored settings.
 
-        Raises SettingsError if the limit of streams with stored settings is reached.
+        before: the settings to which the change was made
+        Raises ChangedError if another server has changed them since, SettingsError if the limit of streams with stored
+        settings is reached.
         """
         with self._writing() as connection:
-            if wanted is not None:
-                self._keep(connection, keys, wanted, time.time_ns())
+            if before is not None and before != self._wanted(connection, keys):
+                raise ChangedError("another server has changed these settings")
+            try:
+                if wanted is not None:
+                    keep(connection, keys, wanted, self._max_streams)
+            except ChangedError:
+                if before is not None or wanted is None:
+                    raise
+                keep(connection, keys, wanted, self._max_streams)
             return self._enter(connection, keys, who, action, changes, old, result="sent")
 
     def note(
@@ -234,15 +243,19 @@ class Store:
         new: dict[str, Any] | None = None,
         reason: str | None = None,
         first_frame: int | None = None,
-        restore: tuple[StreamKeys, dict[str, Any]] | None = None,
+        restore: tuple[StreamKeys, dict[str, Any], dict[str, Any]] | None = None,
     ) -> None:
-        """Write the result of a change into its entry. restore: restores the wanted settings of before"""
+        """Write the result of a change into its entry. restore: the wanted settings of before, which are restored, and
+        those with the change
+        """
         values: dict[str, Any] = {"result": result, "reason": storable(reason), "first_frame": first_frame}
         values["new"] = sa.null() if new is None else storable(new)
         with self._writing() as connection:
             connection.execute(sa.update(audit).where(audit.c.id == entry).values(values))
             if restore is not None:
-                self._keep(connection, *restore, time.time_ns())
+                keys, before, wanted = restore
+                now = undone(self._wanted(connection, keys), wanted, before)
+                keep(connection, keys, now, self._max_streams)
 
     def audit(self, keys: StreamKeys | None, limit: int = 100, before: int | None = None) -> list[Entry]:
         """Entries of a stream, newest first; without `keys` all entries. before: id of the last entry of the previous
@@ -267,35 +280,8 @@ class Store:
         if self._file is not None:
             database_file.write_note(self._file)
 
-    def _desired(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
-        query = sa.select(desired.c.settings)
-        found = connection.execute(query.where(*_of(keys))).scalar_one_or_none()
-        try:
-            kept = {} if found is None else dict(found)
-            check_settings_size(kept)
-            settings_from(kept)
-        except (SettingsError, TypeError, ValueError) as error:
-            self._warnings.warning("%s: cannot use the settings in the database: %s", keys.prefix, error)
-            return {}
-        return kept
-
-    def _keep(self, connection: Connection, keys: StreamKeys, wanted: dict[str, Any], now_ns: int) -> None:
-        if not wanted:
-            connection.execute(sa.delete(desired).where(*_of(keys)))
-            return
-        values = {"settings": wanted, "updated_ns": now_ns}
-        if connection.execute(sa.update(desired).where(*_of(keys)).values(values)).rowcount:
-            return
-        count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
-        if count >= self._max_streams:
-            raise SettingsError(
-                f"settings of {count} streams are stored, which is the limit: delete some first (DELETE .../settings)"
-            )
-        try:
-            with connection.begin_nested():
-                connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
-        except IntegrityError:  # another server was quicker
-            connection.execute(sa.update(desired).where(*_of(keys)).values(values))
+    def _wanted(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
+        return read(connection, keys, self._warnings, to_change=True)
 
     def _enter(
         self,
@@ -391,7 +377,3 @@ class _RestsError(Exception):
 
 class _TakenError(StoreError):
     """There is already a row with this name."""
-
-
-def _of(keys: StreamKeys) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
-    return desired.c.vehicle == keys.vehicle, desired.c.sensor == keys.sensor
