@@ -23,8 +23,8 @@ from lidarcodec.errors import LidarCodecError
 from lidarcodec.files.regular import check_regular, open_regular
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import read_object
+from lidarcodec_server.holding import Hold, held_alone
 from lidarcodec_server.limits import SparseLog
-from lidarcodec_server.live.holding import Hold, held_alone
 
 logger = logging.getLogger(__name__)
 

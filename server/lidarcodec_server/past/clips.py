@@ -27,6 +27,7 @@ from lidarcodec.files.whole import written_whole
 from lidarcodec.recording.pieces import Piece, pieces_in, read_piece
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec_server.holding import Hold
 
 logger = logging.getLogger(__name__)
 
@@ -134,6 +135,28 @@ class Clips:
     def __init__(self, folder: Path, max_bytes: int) -> None:
         self.folder, self.max_bytes = folder, max_bytes
         self.store = PieceStore(folder / "pieces")
+        self._hold: Hold | None = None
+
+    def claim(self) -> None:
+        """Have the folder for this server alone, until it is given back or the process ends.
+
+        Raises SourceError if another server has it.
+        """
+        if self._hold is not None:
+            return
+        try:
+            self.folder.mkdir(0o700, parents=True, exist_ok=True)
+            self._hold = Hold.of(self.folder, alone=True, wait_s=0.0)
+        except OSError:  # then it cannot be written, either, and what is here can still be read
+            return
+        if self._hold is None:
+            raise SourceError("another server uses the folder of clips: start one of them with --past DIR")
+
+    def give_back(self) -> None:
+        """Let another server have the folder."""
+        if self._hold is not None:
+            self._hold.close()
+            self._hold = None
 
     def records(self) -> list[Record]:
         """All fetches, oldest first. A folder that is damaged is left out."""

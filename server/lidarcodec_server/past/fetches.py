@@ -43,6 +43,8 @@ send slowly on purpose. A fetch that gets nothing new ends earlier."""
 AGAIN_S: Final = 5.0
 GIVE_UP_S: Final = 24 * 3600.0
 CLOSE_S: Final = 6.0
+CLAIM_S: Final = 1.0
+"""How often a folder is tried that another server has."""
 
 
 class NoFetchError(LidarCodecError):
@@ -80,6 +82,7 @@ class Fetches:
         self._read: Counter[str] = Counter()
         self._wake = threading.Condition()
         self._beginning, self._disk = threading.Lock(), threading.Lock()
+        self._claiming, self._claimed = threading.Lock(), False
         self._writing = threading.Lock()
         """For changes of a record that must be on the disk in the order in which they were made."""
         self._stopped = False
@@ -89,7 +92,23 @@ class Fetches:
         ]
 
     def start(self) -> None:
-        """Read the folder, and go on with what was not over."""
+        """Read the folder, and go on with what was not over. While another server has it, nothing is fetched."""
+        try:
+            self._claim()
+        except SourceError as error:
+            logger.warning("nothing can be fetched from vehicles: %s", error)
+        for thread in self._threads:
+            thread.start()
+
+    def _claim(self) -> None:
+        """Have the folder, and read it. Raises SourceError while another server has it."""
+        with self._claiming:
+            if not self._claimed:
+                self._clips.claim()
+                self._read_folder()
+                self._claimed = True
+
+    def _read_folder(self) -> None:
         try:
             for record in map(self._clips.with_clip, self._clips.records()):
                 if record.state == "running":
@@ -98,8 +117,6 @@ class Fetches:
                     self._ended[record.id] = record
         except SourceError as error:
             logger.warning("the list of earlier fetches cannot be read: %s", error)
-        for thread in self._threads:
-            thread.start()
 
     def close(self) -> None:
         """Stop; what is not over goes on after the next start. A second call does nothing."""
@@ -112,6 +129,7 @@ class Fetches:
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
+        self._clips.give_back()
 
     def here(self, clip: Clip) -> Record | None:
         """The fetch that brought a clip that is here; None if it is not."""
@@ -155,8 +173,9 @@ class Fetches:
 
         stays: whether the clip is not deleted to make room;  by: begins with OF_MARK if a vehicle told of it, and
         nobody asked
-        Raises TooManyFetchesError, SourceError if the folder cannot be written.
+        Raises TooManyFetchesError, SourceError if the folder cannot be written, or another server has it.
         """
+        self._claim()
         with self._beginning:
             found = self.running(clip)
             if found is not None:
@@ -259,6 +278,10 @@ class Fetches:
         return any(one.record.clip.keys.vehicle not in busy for one in others)
 
     def _work(self) -> None:
+        while not self._claimed and not self._stopped:
+            time.sleep(CLAIM_S)
+            with suppress(SourceError):
+                self._claim()
         while (job := self._next()) is not None:
             try:
                 self._run(job)
@@ -326,7 +349,7 @@ class Fetches:
             self._clips.make_room([plan, *others], done, self._gives_way, first)
 
     def _gives_way(self, record: Record) -> bool:
-        """Forget a fetch whose clip is to make room, unless it is read, or somebody wants to keep it by now."""
+        """The same for a clip that is to make room: somebody may want to keep it by now."""
         with self._wake:
             now = self._ended.get(record.id)
             return now is not None and not now.stays and self._forget(record)

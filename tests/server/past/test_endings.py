@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from lidarcodec.apps.past.plan import Clip
+from lidarcodec.errors import SourceError
 from lidarcodec_server.past.clips import Clips
 from lidarcodec_server.past.fetches import Fetches
 from tests.apps.past.kept_drive import KEYS, at
@@ -155,3 +156,18 @@ def test_a_clip_that_is_kept_while_another_fetch_makes_room_is_not_deleted(begin
     assert eventually(lambda: state(fetches, other) == "failed", 60)
     assert clips.clip_file(record).is_file()
     assert fetches.here(CLIP).stays
+
+
+def test_two_servers_with_one_folder_do_not_delete_each_others_clips(beginning, tmp_path):
+    """Both fetched what waited there. The first to be done deleted the pieces of the other, which then failed, and
+    deleted the clip of the first: it was complete, and not there."""
+    first = beginning(Clips(tmp_path / "clips", 1 << 30))
+    second = beginning(Clips(tmp_path / "clips", 1 << 30))
+    record = first.begin(CLIP, "olga")
+    with pytest.raises(SourceError, match="another server uses the folder of clips"):
+        second.begin(Clip(KEYS, at(32), at(42)), "otto")
+    assert second.all() == []
+    assert eventually(lambda: state(first, record) == "complete", 60)
+    first.close()
+    assert eventually(lambda: second.here(CLIP) is not None, 60), "it goes on with what the first one had"
+    assert second.begin(Clip(KEYS, at(32), at(42)), "otto").state == "running"

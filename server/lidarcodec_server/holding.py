@@ -1,4 +1,4 @@
-"""Hold: a lock on the folder of a recording. Several servers may share a folder of recordings.
+"""Hold: a lock on a folder, such as that of a recording. Several servers may share a folder of recordings.
 
 Recording and deleting need an exclusive lock, and playing needs a shared one. The operating system keeps the lock, so
 it ends with the process, even after a crash.
