@@ -21,6 +21,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.adaptive import START_KBPS
 from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_curve
+from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.settings import AUTO, StreamSettings
 
 SHARE: Final = 0.3
@@ -49,7 +50,9 @@ def ranked(settings: StreamSettings) -> tuple[str, ...]:
 
     Only codecs that are installed, have an error bound, support rate control, were measured, and need no process of
     their own. All others have a lower quality at every target and take longer, or their quality is unknown.
+    Raises SettingsError for a reduction that is not allowed.
     """
+    check_reduction(settings)
     able = [
         name
         for name in table.installed()

@@ -109,6 +109,13 @@ def test_auto_has_no_settings_of_a_codec():
         with_codec(AUTO.changed(codec_settings={"effort": 2}), "riddle")
 
 
+@pytest.mark.parametrize("reduction", ["lattice", "lattice:", "lattice:x"])
+def test_auto_with_a_reduction_that_is_not_allowed_is_refused_in_one_sentence(reduction):
+    """It was an unexpected ValueError of the command, and error 500 of the server."""
+    with pytest.raises(SettingsError, match="lattice:n sends every n-th column"):
+        check(AUTO.changed(reduction=reduction))
+
+
 def test_a_target_that_no_codec_reaches_is_told_for_auto_as_well():
     assert reach_warning(AUTO.changed(target_kbps=1000)) is None
     assert (

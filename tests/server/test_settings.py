@@ -111,6 +111,7 @@ async def test_a_new_codec_starts_with_its_own_default_settings(serving, vehicle
         ({"keep_points": "auto"}, "keep_points"),
         ({"codec": "jpeg", "max_error_m": 0.1}, "max_error_m"),
         ({"intensity": "off", "codec_settings": {"speed": 3}}, "codec_settings.speed"),
+        ({"codec": "auto", "reduction": "lattice"}, "reduction"),
         ({"reduction": "\ud800"}, None),
         ({}, None),
     ],
