@@ -77,11 +77,12 @@ def compared(
     comparison, sent = Comparison(), Sent()
     with open_source(spec, calibration=calibration, points=False) as source:
         packets = PacketsByTime(source.packets())
-        watched = Watched(recorded, stopped)
+        watched, added = Watched(recorded, stopped), None
         for frame in watched:
             message = recorded.message
-            if message is not None:
+            if message is not None and message is not added:  # one of a group has several frames
                 sent.add(message)
+                added = message
             promise = None if message is None else promise_refined(promise_of(message), recorded.refined)
             # A message of `raw` does not say that it is reduced.
             if promise is not None and settings is not None and settings.codec == "raw":

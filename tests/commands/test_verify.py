@@ -81,6 +81,16 @@ def test_of_a_source_that_was_cut_off_it_is_said_that_the_recording_is_not_the_b
     assert run_here("verify", out, cut, "--allow-part").returncode == 0
 
 
+def test_frames_of_a_group_are_counted_once(drive: Path, tmp_path: Path) -> None:
+    """Of four frames in one message `verify` said that 16 had no bound, and that 16 had whole intensities."""
+    recording = tmp_path / "group.mcap"
+    assert run_here("encode", drive / "drive.pcap", recording, "--codec", "jpeg-layered").returncode == 0
+    found = json.loads(run_here("verify", recording, drive / "drive.pcap", "--json").stdout)
+    told = json.loads(run_here("info", recording, "--json").stdout)
+    assert found["sent"]["without_bound"] == sum(found["sent"]["intensity"].values()) == found["frames"]
+    assert found["sent"] == {name: told["sent"][name] for name in found["sent"]}
+
+
 def test_a_cut_recording_fails_even_if_a_part_is_allowed(drive: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((drive / "whole.mcap").read_bytes()[:-50_000])
