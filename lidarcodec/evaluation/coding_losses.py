@@ -61,7 +61,7 @@ class CodingLosses:
         """All of it as plain values: those of `Sent`, and `returns_percent`, the share of returns that was sent."""
         with self._lock:
             found = self._sent.result()
-        return {"returns_percent": self._returns_percent(found["columns_percent"]), **found}
+        return {"returns_percent": self._returns_percent(found), **found}
 
     def text(self) -> str:
         """The losses in a few words, each after a comma; empty if there are none, or none are known."""
@@ -75,12 +75,19 @@ class CodingLosses:
         far += [f"in {counted(unbounded, 'frame')} by no known bound"] if unbounded and largest_m is not None else []
         return kept + f", ranges off {', '.join(far)}" * bool(far) + _intensity_text(found["intensity"])
 
-    def _returns_percent(self, columns_percent: float | None) -> float | None:
-        """As if every column had as many returns; None before the first message."""
+    def _returns_percent(self, found: Mapping[str, Any]) -> float | None:
+        """As if every column had as many returns; None before the first message. Statuses tell the share of frames of
+        which a reduction chose returns, and messages how many frames those are; `raw` does not say that.
+
+        found: as of `Sent`
+        """
         share = self._kept / self._returns if self._returns else 1.0
-        if columns_percent is None:
+        if found["columns_percent"] is None:
             return round(100.0 * share, 2) if self._returns else None
-        return round(columns_percent * share, 2)
+        said = sum(found["intensity"].values()) - found["intensity"].get(UNSAID, 0)
+        chosen: float = found["reduced"] / said if said else 1.0
+        columns: float = found["columns_percent"]
+        return round(columns * (1.0 - chosen * (1.0 - share)), 2)
 
 
 def _intensity_text(frames: Mapping[str, int]) -> str:

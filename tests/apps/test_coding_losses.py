@@ -83,6 +83,19 @@ def test_bounds_are_told_in_the_steps_of_the_sensor_also_of_messages_before_a_ke
     assert losses_of(messages).values()["largest_bound_m"] == 0.004
 
 
+def test_a_reduction_for_a_part_of_the_time_is_not_told_for_all_of_it(frames):
+    """Of a stream whose settings had changed the summary said 7.8 % of the returns, where 76 % had come."""
+    messages = coded(frames, StreamSettings(codec="pcodec")) * 4
+    messages += coded(frames, StreamSettings(codec="pcodec", reduction="random", keep_fraction=0.1))
+    losses = losses_of(messages)
+    losses.told({"reduction": {"name": "random", "returns": 2000, "kept": 200}})
+    assert losses.values()["returns_percent"] == pytest.approx(82)
+    assert losses.text() == ", about 82.0 % of the returns sent"
+    raw = losses_of(coded(frames, StreamSettings(codec="raw", reduction="random", keep_fraction=0.1)))
+    raw.told({"reduction": {"name": "random", "returns": 2000, "kept": 200}})
+    assert raw.values()["returns_percent"] == pytest.approx(10)
+
+
 def test_a_status_or_a_message_that_makes_no_sense_is_no_error():
     losses = losses_of([b"", b"\x93LDR", b"of no version"])
     for status in (None, {}, {"reduction": []}, {"reduction": {"returns": "all"}}):
