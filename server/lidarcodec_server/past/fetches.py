@@ -159,10 +159,9 @@ class Fetches:
         return path, give_back
 
     def running(self, clip: Clip) -> Record | None:
-        """The fetch of this very clip that goes on; None if there is none. One that was cancelled goes on no longer."""
+        """The fetch of this very clip that goes on, and was not cancelled; None if there is none."""
         with self._wake:
-            job = self._going(clip)
-            return None if job is None else job.record
+            return None if (job := self._going(clip)) is None else job.record
 
     def _going(self, clip: Clip) -> _Job | None:
         """The same, with the lock held."""
