@@ -11,6 +11,7 @@ Messages are passed on as they come, every one of them: most build on those befo
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import Counter
@@ -24,13 +25,15 @@ from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.interop.compressed_cloud import coded_topic, compressed_cloud
-from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
+from lidarcodec.interop.point_cloud2 import frame_of_points, point_cloud2, tf_message
 from lidarcodec.interop.ros import COMPRESSED_CLOUD, POINT_CLOUD2, TF_MESSAGE
 from lidarcodec.mounting import vehicle_pose
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import peek
+
+logger = logging.getLogger(__name__)
 
 ROUTER: Final = "tcp/127.0.0.1:7447"
 """Where the router of ROS 2 (rmw_zenohd) listens unless it is told otherwise."""
@@ -129,7 +132,7 @@ class RosBridge:
         """
         self.names = names or RosNames()
         self.counts: Counter[str] = Counter()
-        self._fill = fill
+        self._fill, self._told_frame = fill, False
         self._streams = Streams(
             streams,
             self._take,
@@ -220,7 +223,7 @@ class RosBridge:
             self._static = _Topic(static, self._transport, Priority.REAL_TIME)
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
-        topic, frame_id = self._points[key], self.names.frame_of(key)
+        topic, frame_id = self._points[key], self._frame_of_points(key, frame)
         self._transform(key, frame, frame_id)
         if not topic.wanted:
             self._count(unwatched=1)
@@ -236,18 +239,29 @@ class RosBridge:
             second_returns_left_out=self._streams.second_returns(key, frame),
         )
 
+    def _frame_of_points(self, key: StreamKeys, frame: Frame) -> str:
+        """A point cloud has its own; coded messages are in the one of the stream."""
+        name = frame_of_points(frame, self.names.frame_of(key))
+        if self.names.frame_id not in (None, name) and not self._told_frame:
+            self._told_frame = True
+            logger.warning("--frame-id is for coded messages only: point clouds stay as they are, in frame %s", name)
+        return name
+
     def _transform(self, key: StreamKeys, frame: Frame, frame_id: str) -> None:
-        """Publish the pose of a frame, and its mounting if that was not said for a second."""
+        """Publish the pose of a frame, and its mounting if that was not said for a second: for the frame of the points,
+        and for that of coded messages."""
         mount, vehicle, now_s = frame.mount, self.names.vehicle_of(key), time.monotonic()
+        sensors = dict.fromkeys((frame_id, self.names.frame_of(key)))
         if self._tf is not None and frame.pose is not None and self._tf.wanted:
-            child = frame_id if mount is None else vehicle
-            self._tf.put(tf_message(frame.stamp_ns, self.names.world, child, vehicle_pose(frame.pose, mount)))
+            for child in sensors if mount is None else (vehicle,):
+                self._tf.put(tf_message(frame.stamp_ns, self.names.world, child, vehicle_pose(frame.pose, mount)))
             self._count(transforms=1)
         if self._static is None or mount is None or not self._static.wanted:
             return
         if now_s - self._mounted_s.get(key, -STATIC_S) >= STATIC_S:
             self._mounted_s[key] = now_s
-            self._static.put(tf_message(frame.stamp_ns, vehicle, frame_id, mount))
+            for child in sensors:
+                self._static.put(tf_message(frame.stamp_ns, vehicle, child, mount))
             self._count(mountings=1)
 
     def _take_message(self, key: StreamKeys, data: bytes) -> None:

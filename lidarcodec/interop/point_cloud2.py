@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import Returns
-from lidarcodec.errors import SectionError
+from lidarcodec.errors import DecodeError, SectionError
 from lidarcodec.filling import made_up
 from lidarcodec.frame import Frame
 from lidarcodec.interop.cdr import CdrWriter
@@ -60,6 +60,16 @@ def point_cloud2(frame: Frame, frame_id: str, *, marks: bool = False, returns: R
         writer.text(name).u32(offset).u8(DATATYPES[dtype.str]).u32(1)
     writer.u8(0).u32(points.dtype.itemsize).u32(points.nbytes)
     return writer.u32(points.nbytes).raw(points.tobytes()).u8(1).done()
+
+
+def frame_of_points(frame: Frame, otherwise: str) -> str:
+    """The frame_id of what `point_cloud2` makes of a frame: that of the message, where it is one and has one."""
+    if not frame.sensor.is_cloud:
+        return otherwise
+    try:
+        return read_head(payload_of(frame)).frame_id or otherwise
+    except DecodeError:  # no PointCloud2
+        return otherwise
 
 
 def cdr_of(payload: bytes) -> bytes:

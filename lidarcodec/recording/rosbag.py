@@ -120,9 +120,12 @@ class RosbagWriter(McapFile):
             self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id, returns=returns)
         )
 
-    def write_message(self, stamp_ns: int, payload: bytes) -> None:
-        """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it. One of ROS 1 becomes one
-        of ROS 2, without its number; one that cannot, because it is no whole PointCloud2, is counted in `left_out`.
+    def write_message(
+        self, stamp_ns: int, payload: bytes, pose: Matrix | None = None, mount: Matrix | None = None
+    ) -> None:
+        """Add a message of a topic of `sensor_msgs/PointCloud2` as it is, whatever is in it, and where the sensor is.
+        One of ROS 1 becomes one of ROS 2, without its number; one that cannot, because it is no whole PointCloud2, is
+        counted in `left_out`.
 
         Raises OSError.
         """
@@ -131,6 +134,7 @@ class RosbagWriter(McapFile):
         except DecodeError:
             self.left_out += 1
             return
+        self._place(stamp_ns, pose, mount)
         self._add(self._points_topic, ros.POINT_CLOUD2, stamp_ns, data)
 
     def write_coded(self, data: bytes, pose: Matrix | None = None, mount: Matrix | None = None) -> None:

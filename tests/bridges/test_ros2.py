@@ -20,12 +20,14 @@ from lidarcodec.interop import ros
 from lidarcodec.interop.compressed_cloud import message_of
 from lidarcodec.mounting import Mounting
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.recording import RosbagWriter
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, open_transport
 from tests.apps.streams import Loop
 from tests.bridges.standing import POSE, Standing, turn
 from tests.command_line import run_here, start
+from tests.point_clouds import STAMP_NS, message, velodyne
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -176,6 +178,28 @@ def test_a_mounting_is_said_again_on_tf_static_and_the_pose_is_the_vehicles(grap
         assert (found.header.frame_id, found.child_frame_id) == names
         moved, wanted = found.transform.translation, mount.T_vehicle_sensor if static else vehicle
         np.testing.assert_allclose([moved.x, moved.y, moved.z], wanted[:3, 3], atol=1e-12)
+
+
+def test_transforms_of_a_point_cloud_are_of_the_frame_in_its_message(graph, local, tmp_path, caplog):
+    """They were of `car-7/roof`, in which no cloud is: RViz could not place any. --frame-id did nothing, silently."""
+    path = tmp_path / "clouds.mcap"
+    with path.open("wb") as file, RosbagWriter(file, points_topic="/points") as writer:
+        for at in range(100):
+            writer.write_message(STAMP_NS + at * 10**8, message(velodyne(20), stamp_ns=STAMP_NS + at * 10**8))
+    graph.subscribe("/roof", ros.POINT_CLOUD2)
+    graph.subscribe("/tf", ros.TF_MESSAGE)
+    names = RosNames("/roof", "roof")
+    with (
+        RosBridge(["car-7/roof"], names, endpoints=local, ros=Endpoints.of(connect=graph.endpoint)),
+        open_source(path) as source,
+        Publisher(source, vehicle="car-7", sensor="roof", rate=5.0, endpoints=local, poses=Standing()),
+    ):
+        assert eventually(lambda: graph.of(ros.POINT_CLOUD2) and len(graph.of(ros.TF_MESSAGE)) > 1, LIMIT_S)
+    cloud = STORE.deserialize_cdr(graph.of(ros.POINT_CLOUD2)[0][0], ros.POINT_CLOUD2.name)
+    sent = [STORE.deserialize_cdr(data, ros.TF_MESSAGE.name).transforms[0] for data, _ in graph.of(ros.TF_MESSAGE)]
+    assert cloud.header.frame_id == "lidar"
+    assert {(one.header.frame_id, one.child_frame_id) for one in sent} == {("map", "lidar"), ("map", "roof")}
+    assert "--frame-id is for coded messages only" in caplog.text
 
 
 @pytest.mark.parametrize("fill", [False, True])

@@ -8,6 +8,7 @@ import warnings
 import laspy
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from lidarcodec.commands.outputs.base import WIDE
 from lidarcodec.image_frame import cloud_frame
@@ -203,3 +204,19 @@ def test_a_ring_that_is_no_number_gives_no_line_of_code_to_a_user():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(cloud_frame(0, STAMP_NS, payload, cloud_sensor([payload])).cloud()) == len(points)
+
+
+def test_where_the_sensor_was_goes_with_clouds_in_their_own_frame(tmp_path, bag, caplog):
+    """A bag with --poses and --mount had neither, and no word said so; nor that --frame-id did nothing."""
+    poses = tmp_path / "poses.txt"
+    poses.write_text("".join(f"{STAMP_NS / 1e9 + at - 1:.6f} {at} 2 3 0 0 0 1\n" for at in range(4)))
+    placed = ("--poses", poses, "--mount", "1,0,2,0,0,0")
+    ok("convert", bag, tmp_path / "out.mcap", "--as", "clouds", *placed, "--frame-id", "roof")
+    assert "--frame-id is left out" in caplog.text
+    with (tmp_path / "out.mcap").open("rb") as file:
+        found = [(channel.topic, one.data) for _, channel, one in make_reader(file).iter_messages()]
+    static = [data for topic, data in found if topic == "/tf_static"]
+    assert [topic for topic, _ in found].count("/tf") == FRAMES
+    assert len(static) == 1
+    assert b"lidar\0" in static[0]
+    assert b"roof" not in b"".join(data for _, data in found)

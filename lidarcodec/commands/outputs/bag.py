@@ -8,6 +8,7 @@ from pathlib import Path
 from lidarcodec.cloud import Returns
 from lidarcodec.commands.outputs.base import USUAL, BagNames, Cloud
 from lidarcodec.frame import Frame
+from lidarcodec.interop.point_cloud2 import frame_of_points
 from lidarcodec.recording import RosbagWriter
 from lidarcodec.recording.rosbag import CLOUDS_TOPIC, METADATA
 from lidarcodec.sensors.clouds.points import payload_of
@@ -32,10 +33,14 @@ class BagOutput:
         self._writer = RosbagWriter(self._handle, points_topic=names.topic or CLOUDS_TOPIC)
 
     def write(self, frame: Frame, cloud: Cloud) -> None:
+        name = self._frame_id or frame_id_of(frame.sensor.model)
+        self._writer.frame_id = frame_of_points(frame, name)
         if frame.sensor.is_cloud:
-            self._writer.write_message(frame.stamp_ns, payload_of(frame))
+            if self._frame_id not in (None, self._writer.frame_id):
+                logger.warning("--frame-id is left out: messages of point clouds stay as they are, in their own frame")
+                self._frame_id = None
+            self._writer.write_message(frame.stamp_ns, payload_of(frame), frame.pose, frame.mount)
             return
-        self._writer.frame_id = self._frame_id or frame_id_of(frame.sensor.model)
         self._writer.write_cloud(frame, self._returns)
 
     def close(self) -> None:
