@@ -26,7 +26,7 @@ from lidarcodec.frame_images import RANGE, layout_of
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.planes.attribute_values import AttributeQuality
 from lidarcodec.planes.plane_section import MAX_BITS, MAX_STEP, PlaneKind, encode_plane_section, read_head
-from lidarcodec.ranges.image.range_cells import Numbers, RangeCells, join_ranges, split_ranges
+from lidarcodec.ranges.image.range_cells import Numbers, RangeCells, check_second, join_ranges, split_ranges
 from lidarcodec.sensors.images import PacketLayout, Unsigned
 from lidarcodec.settings import StreamSettings, step_of
 
@@ -159,6 +159,8 @@ class PictureDecoder:
                 raise SectionError("a picture of a frame without planes")
             return [frame]
         bits, step, data = split_head(message.section(SectionType.RANGE))
+        if step != 1 and not self._exact:
+            raise SectionError(f"a picture that keeps no bound, with a range step of {step}")
         cells = cells_of(frame, message, bits)
         if cells.known.any():
             samples = self._reading.read(message, data, cells)
@@ -174,10 +176,15 @@ class PictureDecoder:
 
 
 def cells_of(frame: Frame, message: Message, bits: int) -> RangeCells:
-    """What is known of the cells of a frame whose planes beside the picture were decoded; none if it has no planes."""
+    """What is known of the cells of a frame whose planes beside the picture were decoded; none if it has no planes.
+
+    Raises SectionError.
+    """
     shift = np.zeros(frame.sensor.rows, np.int32)
     if message.has(SectionType.PLANES):
-        shift = read_head(message.section(SectionType.PLANES)).shift
+        head = read_head(message.section(SectionType.PLANES))
+        check_second(head.forms)
+        shift = head.shift
     known = _sent(frame, frame.range) > 0
     return RangeCells(known, shift, sent_azimuth(frame), frame.sensor.range_step_m, bits)
 

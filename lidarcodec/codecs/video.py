@@ -252,6 +252,8 @@ class VideoDecoder:
         Raises DecodeError; MissingReferenceError when a key message, or one with an IDR picture, has to come first.
         """
         check_codec(message, self.codec_id)
+        if message.goes_on:
+            raise SectionError("a video of a part of a turn")
         self._pictures.check(message)
         planes = self._planes.read(replace(message, needs=None))  # of pictures alone one needs another
         sensor = planes.sensor

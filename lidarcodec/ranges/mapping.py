@@ -108,7 +108,11 @@ def _paper(bits: int, top: int, step_um: int) -> Mapping:
         for _ in range((1 << bits) - 1):
             ahead.append(ahead[-1] * root)
         centimetres = [float(power - 1) for power in ahead]
-        value = [min(int((power - 1) * per_cm + Decimal("0.5")), top) for power in ahead]
+        nearest = [int((power - 1) * per_cm + Decimal("0.5")) for power in ahead]
+        # A whole octave is a whole number of centimetres, and may lie between two steps: the larger one is taken.
+        nearest[::octave] = [(2 * _CM_UM * ((1 << exponent) - 1) + step_um) // (2 * step_um)
+                             for exponent in range(_FOLD, _FOLD + len(nearest[::octave]))]  # fmt: skip
+        value = [min(range_steps, top) for range_steps in nearest]
         folded = [float(octave * (_FOLD - (1 + Decimal(d) / per_cm).ln() / Decimal(2).ln()))
                   for d in range(min(top + 1, math.ceil((2**_FOLD - 1) * per_cm)))]  # fmt: skip
     values = np.arange(top + 1, dtype=np.float64) / steps_per_cm

@@ -14,7 +14,7 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.entropy.zstd_frames import decompress
-from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError, UnsupportedVersionError
+from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.evaluation.round_trip import RoundTrip
 from lidarcodec.evaluation.verify import promise_of
 from lidarcodec.frame import Frame
@@ -264,3 +264,20 @@ def test_a_group_has_no_more_numbers_than_a_decoder_takes(monkeypatch: pytest.Mo
         assert set(counts) == {1}
         with pytest.raises(DecodeError, match="1 are possible"):
             StreamDecoder().decode(whole)
+
+
+@pytest.mark.parametrize("codec", PICTURES)
+def test_planes_that_no_encoder_writes_beside_a_picture_are_refused(codec: str) -> None:
+    """A plane named `ranger` would stay without its ranges, and a step would stretch ranges that keep no bound."""
+    ((_, message, _),) = there_and_back([framed("vlp16")], codec)
+    planes = message.section(SectionType.PLANES)
+    wounded = {SectionType.PLANES: planes.replace(b"\x06range2", b"\x06ranger", 1)}
+    assert wounded[SectionType.PLANES] != planes
+    if codec in LOSSY:
+        ranges = message.section(SectionType.RANGE)
+        assert ranges[1] == 1
+        wounded[SectionType.RANGE] = ranges[:1] + b"\x03" + ranges[2:]
+    for kind, data in wounded.items():
+        sections = tuple(one._replace(data=data) if one.type == kind else one for one in message.sections)
+        with pytest.raises(SectionError):
+            StreamDecoder().decode(replace(message, sections=sections))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -187,3 +189,13 @@ def test_sequence_parameters_cut_anywhere_are_refused_or_right() -> None:
 def test_a_picture_that_libx264_cannot_write_is_an_error_of_ours() -> None:
     with pytest.raises(LidarCodecError):
         PictureWriter(64, 16400, 10, 20.0, "fast").write(np.zeros((64, 16400), np.uint16), idr=True)
+
+
+def test_a_part_of_a_turn_is_refused() -> None:
+    """No encoder of videos goes on from a part: its message would be one of another stream."""
+    first, second = encoded([frames.scene(40, index=index) for index in range(2)])
+    decoder = table.make_decoder(first.codec)
+    decoder.decode(first)
+    with pytest.raises(SectionError, match="part of a turn"):
+        decoder.decode(replace(second, goes_on=True))
+    assert decoder.decode(second)

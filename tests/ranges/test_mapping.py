@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -75,3 +77,12 @@ def test_the_farthest_return_sets_the_precision_but_for_log() -> None:
 def test_a_top_that_no_range_reaches_is_refused(top: int) -> None:
     with pytest.raises(SectionError):
         check_top(top)
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+@pytest.mark.parametrize("step_um", [96, 4000])
+def test_a_whole_octave_between_two_steps_is_the_farther_one(bits: int, step_um: int) -> None:
+    """63 cm are 157.5 steps of 4 mm: every decoder must take the same."""
+    values = mapping_of("paper", bits, 1 << 20, step_um).value[:: 1 << (bits - 4)].tolist()
+    exact = (Fraction(10_000 * (2 ** (5 + octave) - 1), step_um) for octave in range(16))
+    assert values == [min(math.floor(steps + Fraction(1, 2)), 1 << 20) for steps in exact]

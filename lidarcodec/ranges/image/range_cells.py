@@ -26,6 +26,7 @@ from lidarcodec.sensors.images import Plane, Unsigned
 
 RANGE: Final = "range"
 SECOND: Final = "second range"
+SECOND_NAME: Final = "range2"
 SAMPLE_BITS: Final = 16
 
 Mask = npt.NDArray[np.bool_]
@@ -120,7 +121,7 @@ def join_ranges(
         first = np.where(high > 0, samples.astype(np.uint32) | (high - np.uint32(1)) << np.uint32(SAMPLE_BITS), 0)
         _check(first, high > 0, step, most)
     found: dict[str, Unsigned] = {RANGE: ranges_of(first, step, most)}
-    second = planes.get("range2")
+    second = planes.get(SECOND_NAME)
     if second is not None:
         wide = second.astype(np.uint32)
         if exact:
@@ -128,8 +129,15 @@ def join_ranges(
             _check(numbers, numbers > 0, step, most)
         else:
             numbers = np.where((high > 0) & (wide == high), first, wide)
-        found["range2"] = ranges_of(numbers, step, most).astype(second.dtype)
+        found[SECOND_NAME] = ranges_of(numbers, step, most).astype(second.dtype)
     return found
+
+
+def check_second(forms: Sequence[Plane]) -> None:
+    """Whether second ranges, and nothing else, have their name. Raises SectionError."""
+    for form in forms:
+        if (form.role == SECOND) != (form.name == SECOND_NAME):
+            raise SectionError(f"a picture beside a plane '{form.name}' in the role of {form.role}")
 
 
 def _check(numbers: Numbers, returns: Mask, step: int, most: int) -> None:

@@ -38,6 +38,12 @@ void to_ranges(PlaneImage& numbers, std::uint32_t step, std::uint32_t bits) {
 
 }  // namespace
 
+void check_second(const std::vector<NamedPlane>& planes) {
+  for (const NamedPlane& plane : planes)
+    if ((plane.role == PlaneRole::SecondRange) != (plane.name == "range2"))
+      throw Error(ErrorCode::Section, "a picture beside a plane '" + plane.name + "' in another role than its name");
+}
+
 void take_picture(const Message& message, const Outside& outside, std::size_t columns, PlaneSection& section) {
   VarintReader reader(message.section(SectionType::Range), "ranges");
   const std::uint32_t bits = reader.byte();
@@ -45,6 +51,7 @@ void take_picture(const Message& message, const Outside& outside, std::size_t co
   if (bits < 1 || bits > kMostPlaneBits || step % 2 == 0)
     throw Error(ErrorCode::Section,
                 "a picture of ranges of " + std::to_string(bits) + " bits with step " + std::to_string(step));
+  check_second(section.planes);
   const Bytes picture = reader.rest();
   NamedPlane& first = section.planes[0];
   const PlaneImage small = first.values;
