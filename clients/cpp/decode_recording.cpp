@@ -42,13 +42,15 @@ int run(const std::string& recording, const std::string& out, lidarcodec_returns
       ++refused;
       return;
     }
-    const std::vector<lidarcodec_point> points = points_of(session, returns);
-    std::cout << topic << " frame " << frame.index << " of a " << frame.model << " at " << frame.stamp_ns
-              << " ns: " << points.size() << " points\n";
-    char name[16];
-    std::snprintf(name, sizeof(name), "%06d.bin", frames);
-    if (!out.empty()) write_points(std::filesystem::path(out) / name, frame, points);
-    ++frames;
+    do {
+      const std::vector<lidarcodec_point> points = points_of(session, returns);
+      std::cout << topic << " frame " << frame.index << " of a " << frame.model << " at " << frame.stamp_ns
+                << " ns: " << points.size() << " points\n";
+      char name[16];
+      std::snprintf(name, sizeof(name), "%06d.bin", frames);
+      if (!out.empty()) write_points(std::filesystem::path(out) / name, frame, points);
+      ++frames;
+    } while (lidarcodec_next(session.get(), &frame) != 0);
   });
   std::cout << frames << " frames, " << refused << " messages refused\n";
   if (sessions.empty()) throw std::runtime_error(recording + " has no messages of lidarcodec");

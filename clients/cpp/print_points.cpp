@@ -50,13 +50,15 @@ int run(const std::string& weights) {
       std::cerr << "byte " << lidarcodec_error_offset(session.get()) << ": " << lidarcodec_error_text(session.get())
                 << "\n";
     } else {
-      const std::vector<lidarcodec_point> points = points_of(session, LIDARCODEC_ALL);
-      std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";
-      if (!points.empty()) {
-        std::cout << ", the first at ";
-        print(session, frame, points[0]);
-      }
-      std::cout << std::endl;
+      do {
+        const std::vector<lidarcodec_point> points = points_of(session, LIDARCODEC_ALL);
+        std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";
+        if (!points.empty()) {
+          std::cout << ", the first at ";
+          print(session, frame, points[0]);
+        }
+        std::cout << std::endl;
+      } while (lidarcodec_next(session.get(), &frame) != 0);
     }
   }
   return 0;

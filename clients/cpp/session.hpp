@@ -1,4 +1,4 @@
-// A session of the C library that closes itself, and weight files for it.
+// A session of the C library that closes itself, and weight files and decoders of pictures for it.
 #pragma once
 #include <lidarcodec.h>
 
@@ -10,15 +10,20 @@
 #include <string>
 #include <vector>
 
+#include "pictures.hpp"
+
+// Frees a session, and the decoders of pictures that it was given.
 struct CloseSession {
+  std::shared_ptr<Decoders> decoders;
   void operator()(lidarcodec_session* session) const { lidarcodec_close(session); }
 };
 using Session = std::unique_ptr<lidarcodec_session, CloseSession>;
 
-// A session that knows the weight files of a folder; "" for none.
+// A session that knows the weight files of a folder, "" for none, and opens the pictures for which there are libraries.
 inline Session open_session(const std::string& weights) {
-  Session session(lidarcodec_open());
+  Session session(lidarcodec_open(), CloseSession{std::make_shared<Decoders>()});
   if (!session) throw std::runtime_error("no memory for a session");
+  session.get_deleter().decoders->give(session.get());
   if (weights.empty()) return session;
   for (const auto& entry : std::filesystem::directory_iterator(weights)) {
     if (entry.path().extension() != ".lcrw") continue;

@@ -13,8 +13,8 @@
 
 #include "png.hpp"
 #include "session/frames/cloud_points.hpp"
+#include "session/pictures/picture_session.hpp"
 #include "session/points.hpp"
-#include "session/session.hpp"
 
 namespace {
 
@@ -52,14 +52,24 @@ class System final : public lidarcodec::Outside {
     return codec == lidarcodec::Codec::Png || openers_.count(codec) != 0;
   }
 
+  // Of the codecs that PictureSession reads.
+  bool reads_ranges(lidarcodec::Codec codec, bool planes) const override {
+    const bool is_exact = codec == lidarcodec::Codec::Png || (codec == lidarcodec::Codec::Jxl && planes);
+    return !is_exact && openers_.count(codec) != 0;
+  }
+
   std::optional<std::vector<std::uint16_t>> picture(const lidarcodec::Picture& picture) const override {
     const auto opener = openers_.find(picture.codec);
     if (opener == openers_.end()) return lidarcodec::png_samples(picture, *this);
     const auto [open, context] = opener->second;
     std::vector<std::uint16_t> samples(picture.rows * picture.width);
-    const lidarcodec_picture asked = {
-        picture.data.data(), picture.data.size(), static_cast<std::uint32_t>(picture.rows),
-        static_cast<std::uint32_t>(picture.width), static_cast<std::uint16_t>(picture.codec)};
+    const lidarcodec_picture asked = {picture.data.data(),
+                                      picture.data.size(),
+                                      static_cast<std::uint32_t>(picture.rows),
+                                      static_cast<std::uint32_t>(picture.width),
+                                      static_cast<std::uint16_t>(picture.codec),
+                                      static_cast<std::uint8_t>(picture.bits),
+                                      picture.begins};
     return open(context, &asked, samples.data()) != 0 ? std::optional(std::move(samples)) : std::nullopt;
   }
 
@@ -71,8 +81,9 @@ class System final : public lidarcodec::Outside {
   void give(std::vector<std::uint8_t> data) { weights_[lidarcodec::read_weights(data).name] = std::move(data); }
 
   void give(lidarcodec::Codec codec, lidarcodec_open_picture open, void* context) {
-    if (name_of(codec)[0] == '\0')
-      throw lidarcodec::Error(ErrorCode::Version, "there is no codec " + std::to_string(static_cast<unsigned>(codec)));
+    if (codec < lidarcodec::Codec::Png || codec > lidarcodec::Codec::H264Log)
+      throw lidarcodec::Error(ErrorCode::Version,
+                              "there is no codec " + std::to_string(static_cast<unsigned>(codec)) + " of pictures");
     openers_.erase(codec);
     if (open != nullptr) openers_[codec] = {open, context};
   }
@@ -167,11 +178,35 @@ void show(const lidarcodec::ImageFrame& images, Shown& shown, lidarcodec_frame& 
 
 struct lidarcodec_session {
   System* outside = new System;
-  lidarcodec::Session session{std::unique_ptr<const lidarcodec::Outside>(outside)};
+  lidarcodec::PictureSession session{std::unique_ptr<const lidarcodec::Outside>(outside)};
+  const std::vector<lidarcodec::SessionFrame>* frames = nullptr;  // of the message that was pushed last
+  std::size_t number = 0;                                         // of the frame that is shown
   const lidarcodec::SessionFrame* frame = nullptr;
   Shown shown;
   std::string text;
   std::uint64_t offset = 0, needs = 0;
+
+  // The frame of a number of the message that was pushed last, for all functions to be about.
+  lidarcodec_frame show_frame(std::size_t which) {
+    const lidarcodec::SessionFrame& found = (*frames)[which];
+    lidarcodec_frame given{};
+    if (found.images)
+      show(*found.images, shown, given);
+    else
+      show(found.planes, *found.sensor, shown, given);
+    frame = &found;
+    number = which;
+    given.stream_id = found.stream_id;
+    given.index = found.index;
+    given.stamp_ns = found.stamp_ns;
+    given.codec = static_cast<std::uint16_t>(found.codec);
+    given.key = found.key;
+    given.has_intensity = shown.cloud ? lidarcodec::intensity_field(*shown.cloud) != nullptr : found.has_intensity;
+    given.plane_count = static_cast<std::uint32_t>(shown.planes.size());
+    given.planes = shown.planes.data();
+    given.pose = found.pose ? found.pose->data() : nullptr;
+    return given;
+  }
 
   // Runs a part of a call; what it throws becomes a status, a sentence and numbers.
   template <class Work>
@@ -222,28 +257,22 @@ lidarcodec_status lidarcodec_give_pictures(lidarcodec_session* session, uint16_t
 
 lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                   lidarcodec_frame* frame) {
+  session->frames = nullptr;
   session->frame = nullptr;
   session->shown.cloud.reset();
   return session->guarded([&] {
-    const lidarcodec::SessionFrame& found = session->session.push({message, size});
-    lidarcodec_frame given{};
-    if (found.images)
-      show(*found.images, session->shown, given);
-    else
-      show(found.planes, *found.sensor, session->shown, given);
-    session->frame = &found;
-    given.stream_id = found.stream_id;
-    given.index = found.index;
-    given.stamp_ns = found.stamp_ns;
-    given.codec = static_cast<std::uint16_t>(found.codec);
-    given.key = found.key;
-    given.has_intensity =
-        session->shown.cloud ? lidarcodec::intensity_field(*session->shown.cloud) != nullptr : found.has_intensity;
-    given.plane_count = static_cast<std::uint32_t>(session->shown.planes.size());
-    given.planes = session->shown.planes.data();
-    given.pose = found.pose ? found.pose->data() : nullptr;
+    session->frames = &session->session.push({message, size});
+    const lidarcodec_frame given = session->show_frame(0);
     if (frame != nullptr) *frame = given;
   });
+}
+
+int lidarcodec_next(lidarcodec_session* session, lidarcodec_frame* frame) {
+  if (session->frame == nullptr || session->number + 1 == session->frames->size()) return 0;
+  return session->guarded([&] {
+    const lidarcodec_frame given = session->show_frame(session->number + 1);
+    if (frame != nullptr) *frame = given;
+  }) == LIDARCODEC_OK;
 }
 
 size_t lidarcodec_points(const lidarcodec_session* session, lidarcodec_returns returns, lidarcodec_point* points,

@@ -39,14 +39,31 @@ void check_images(const lidarcodec::ImageFrame& images) {
   lidarcodec::shown_intensities(images);
 }
 
-// A picture whose samples are its bytes, over and over; some cannot be opened.
-int open_anything(void*, const lidarcodec_picture* picture, std::uint16_t* samples) {
-  for (std::size_t i = 0; i < std::size_t{picture->rows} * picture->width; ++i)
-    samples[i] = picture->size == 0 ? 0 : static_cast<std::uint16_t>(picture->data[i % picture->size] * 257u >> i % 9);
-  return picture->size % 16 != 15;
-}
+constexpr std::uint16_t kPng = 4, kJxl = 5, kH264 = 8, kH264Log = 9;
+constexpr std::size_t kMostSamples = std::size_t{1} << 24, kLeastPicture = 4;
 
-constexpr std::uint16_t kPng = 4, kJxl = 5;
+// A picture whose samples are its bytes, over and over; some cannot be opened, and a few have too many bits. context:
+// whether a picture of a video was opened, to which the next may refer; or nothing
+int open_anything(void* context, const lidarcodec_picture* picture, std::uint16_t* samples) {
+  const std::size_t count = std::size_t{picture->rows} * picture->width;
+  const bool is_exact = picture->codec <= kJxl, is_video = picture->codec == kH264 || picture->codec == kH264Log;
+  if (count == 0 || count > kMostSamples || (picture->bits == 16) != is_exact || (is_video && picture->bits > 10) ||
+      (!is_exact && picture->size < kLeastPicture) || (!is_video && picture->begins != 1))
+    broken();
+  const unsigned most = picture->size % 64 == 13 ? 16 : picture->bits;
+  for (std::size_t i = 0; i < count; ++i)
+    samples[i] =
+        picture->size == 0
+            ? 0
+            : static_cast<std::uint16_t>((picture->data[i % picture->size] * 257u >> i % 9) & ((1u << most) - 1));
+  const bool opened = picture->size % 16 != 15;
+  if (is_video && context != nullptr) {
+    auto& goes_on = *static_cast<bool*>(context);
+    if (picture->begins == 0 && !goes_on) broken();
+    goes_on = opened && most == picture->bits;
+  }
+  return opened;
+}
 
 // way: by the system's own decoder of PNG, or by that above
 void decode_by_class(const std::vector<Bytes8>& messages, unsigned way) {
@@ -128,7 +145,7 @@ void call_anything(lidarcodec_session* session, unsigned which, const Bytes8& so
     broken();
   if (which & 32u) lidarcodec_error_needs(session);
   if (lidarcodec_give_pictures(session, which % 8, which & 64u ? open_anything : nullptr, nullptr) ==
-      (which % 8 == 0 ? LIDARCODEC_OK : LIDARCODEC_UNSUPPORTED))
+      (which % 8 < kPng ? LIDARCODEC_OK : LIDARCODEC_UNSUPPORTED))
     broken();
   if (lidarcodec_error_text(session) == nullptr || lidarcodec_error_offset(session) > some.size() + (1u << 30))
     broken();
@@ -138,7 +155,10 @@ void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
   lidarcodec_close(nullptr);
   lidarcodec_session* const session = lidarcodec_open();
   if (session == nullptr || lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0) broken();
-  if (lidarcodec_give_pictures(session, kJxl, open_anything, nullptr) != LIDARCODEC_OK) broken();
+  bool goes_on = false;
+  for (std::uint16_t codec = kJxl; codec <= kH264Log; ++codec)
+    if (lidarcodec_give_pictures(session, codec, open_anything, codec == kH264 ? &goes_on : nullptr) != LIDARCODEC_OK)
+      broken();
   if (calls % 2 == 1) lidarcodec_give_pictures(session, kPng, open_anything, nullptr);
   MessageRepair repair;
   for (const Bytes8& given : messages) {
@@ -150,12 +170,16 @@ void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
         lidarcodec_push(session, message.data(), message.size(), unwanted ? nullptr : &frame);
     if (status >= LIDARCODEC_OUT_OF_MEMORY) broken();
     if (status != LIDARCODEC_OK) {
-      if (frame.planes != nullptr || lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0 ||
-          *lidarcodec_error_text(session) == '\0')
+      if (frame.planes != nullptr || lidarcodec_next(session, nullptr) != 0 ||
+          lidarcodec_points(session, LIDARCODEC_ALL, nullptr, 0) != 0 || *lidarcodec_error_text(session) == '\0')
         broken();
     } else if (!unwanted) {
-      repair.decoded(frame.index);
       check_frame(session, frame);
+      for (std::uint64_t before = frame.index; lidarcodec_next(session, &frame) == 1; before = frame.index) {
+        if (frame.index <= before) broken();
+        check_frame(session, frame);
+      }
+      repair.decoded(frame.index);
     }
     calls = (calls << 1 | calls >> 6) & 127u;
   }

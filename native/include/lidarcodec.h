@@ -1,9 +1,9 @@
 /* Decoder of lidarcodec streams for C and C++: bytes of messages in, images and points of frames out, of every sensor.
  *
  * A session decodes one stream, message after message, as a recording or a subscription has them. Codecs: raw, zstd,
- * pcodec, predictive, riddle, png; jxl of other sensors than an HDL-64E, if the program opens its pictures. Others are
- * refused by name. Nothing here throws, prints or ends the process. A session is used by one thread at a time; several
- * sessions may be used by several threads at once. */
+ * pcodec, predictive, riddle, png; jxl, jpeg, jpeg-layered, h264 and h264-log, if the program opens their pictures.
+ * Others are refused by name. Nothing here throws, prints or ends the process. A session is used by one thread at a
+ * time; several sessions may be used by several threads at once. */
 #ifndef LIDARCODEC_H
 #define LIDARCODEC_H
 
@@ -122,28 +122,41 @@ LIDARCODEC_API void lidarcodec_close(lidarcodec_session* session);
  * installed in share/lidarcodec/weights. Its name is the hash of its bytes. */
 LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uint8_t* data, size_t size);
 
-/* A picture of codec jxl: `rows` x `width` grey samples of 16 bits, without loss. */
+/* A grey picture: `rows` x `width` samples of `bits` bits. By the number of its codec `data` is
+ *   5 jxl                       a bare JPEG XL codestream of 16 bits, without loss, not yet looked at;
+ *   6 jpeg, 7 jpeg-layered      a JPEG of 8 or 12 bits, sequential, of one component. Its header says these sides and
+ *                               bits;
+ *   8 h264, 9 h264-log          an access unit of H.264 in the byte stream format, 8 or 10 bits. If `begins` is 1, it
+ * is an IDR picture, whose sequence parameters say these sides and bits: what came before is to be forgotten. Else it
+ * is a P picture, and refers to the one that was given last. */
 typedef struct lidarcodec_picture {
-  const uint8_t* data; /* a bare JPEG XL codestream */
+  const uint8_t* data;
   size_t size;
   uint32_t rows;
   uint32_t width;
   uint16_t codec; /* number of the codec */
+  uint8_t bits;
+  uint8_t begins; /* 0: a P picture of H.264 */
 } lidarcodec_picture;
 
 /* Writes the samples of a picture, row after row. Returns 1; 0 if it is damaged, or anything but a picture of these
- * sides and 16 bits. It must not throw, and look at no more than that without checking: the bytes may be hostile. */
+ * sides and bits. It must not throw: what follows the header may be hostile, and so is all of a picture of jxl. */
 typedef int (*lidarcodec_open_picture)(void* context, const lidarcodec_picture* picture, uint16_t* samples);
 
-/* Has the session open the pictures of a codec by a function, to which `context` is handed. NULL: by none, but those of
- * png by the session's own. */
+/* Has the session open the pictures of a codec by a function, to which `context` is handed: for videos one of its own
+ * for each session. NULL: by none, but those of png by the session's own. Codecs are 4 to 9: of others there are no
+ * pictures. */
 LIDARCODEC_API lidarcodec_status lidarcodec_give_pictures(lidarcodec_session* session, uint16_t codec,
                                                           lidarcodec_open_picture open, void* context);
 
 /* Decodes one whole message. `frame` is set where the status is LIDARCODEC_OK, else left as it was; NULL where only
- * points are wanted. */
+ * points are wanted. A message of jpeg-layered has further frames: see `lidarcodec_next`. */
 LIDARCODEC_API lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
                                                  lidarcodec_frame* frame);
+
+/* Goes on to the next frame of the message that was pushed last: all functions are about it from now on. Returns 1;
+ * 0 if there is none: then nothing has changed. `frame` may be NULL. */
+LIDARCODEC_API int lidarcodec_next(lidarcodec_session* session, lidarcodec_frame* frame);
 
 /* Points of the frame that was pushed last, column by column, second returns after all first ones. Those of a point
  * cloud come in the order of its message, without those that have no return. Up to `capacity` of them are written.

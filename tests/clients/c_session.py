@@ -87,11 +87,23 @@ class _Picture(ctypes.Structure):
         ("rows", ctypes.c_uint32),
         ("width", ctypes.c_uint32),
         ("codec", ctypes.c_uint16),
+        ("bits", ctypes.c_uint8),
+        ("begins", ctypes.c_uint8),
     )
 
 
-Opens = Callable[[bytes, int, int], npt.NDArray[np.uint16]]
-"""Opens a picture of so many rows and columns. Raises SectionError if it cannot."""
+class Picture(NamedTuple):
+    """A picture that the library asks a program to open."""
+
+    data: bytes
+    rows: int
+    width: int
+    bits: int
+    begins: bool
+
+
+Opens = Callable[[Picture], npt.NDArray[np.uint16]]
+"""Opens a picture: (rows, width) samples. Raises SectionError if it cannot."""
 _OPEN = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(_Picture), ctypes.POINTER(ctypes.c_uint16))
 
 TYPES = (None, "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -129,6 +141,7 @@ class CSession:
         self._c.lidarcodec_values.restype = ctypes.c_size_t
         self._c.lidarcodec_message.restype = ctypes.c_void_p
         self._session = ctypes.c_void_p(self._c.lidarcodec_open())
+        self._opens: dict[int, Any] = {}
 
     def close(self) -> None:
         """Frees it."""
@@ -144,15 +157,16 @@ class CSession:
         def called(_: object, given: Any, samples: Any) -> int:
             asked = given[0]
             assert asked.codec == codec
+            data = ctypes.string_at(asked.data, asked.size)
             try:
-                image = opens(ctypes.string_at(asked.data, asked.size), asked.rows, asked.width)  # type: ignore[misc]
+                image = opens(Picture(data, asked.rows, asked.width, asked.bits, bool(asked.begins)))  # type: ignore[misc]
             except SectionError:
                 return 0
             np.ctypeslib.as_array(samples, image.shape)[:] = image
             return 1
 
-        self._opens = _OPEN(called) if opens else _OPEN()
-        self._check(self._c.lidarcodec_give_pictures(self._session, ctypes.c_uint16(codec), self._opens, None))
+        self._opens[codec] = _OPEN(called) if opens else _OPEN()
+        self._check(self._c.lidarcodec_give_pictures(self._session, ctypes.c_uint16(codec), self._opens[codec], None))
 
     def push_unseen(self, data: bytes) -> None:
         """Decodes a message without taking its frame."""
@@ -199,6 +213,20 @@ class CSession:
         frame = _Frame()
         size = ctypes.c_size_t(len(data or b""))
         self._check(self._c.lidarcodec_push(self._session, data, size, ctypes.byref(frame)))
+        return self._decoded(frame)
+
+    def push_all(self, data: bytes) -> list[Decoded]:
+        """The frames of a message."""
+        found, frame = [self.push(data)], _Frame()
+        while self._c.lidarcodec_next(self._session, ctypes.byref(frame)):
+            found.append(self._decoded(frame))
+        return found
+
+    def next_unseen(self) -> bool:
+        """Whether there is another frame of the message, which is the one that is asked about from now on."""
+        return bool(self._c.lidarcodec_next(self._session, None))
+
+    def _decoded(self, frame: _Frame) -> Decoded:
         shape = (frame.rows, frame.width)
         given = (_Plane * frame.plane_count).from_address(frame.planes) if frame.plane_count else ()
         planes = {one.name.decode(): _array(one.values, f"u{one.bytes}", shape) for one in given}

@@ -21,7 +21,7 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.ranges.image.jxl_file import read_jxl
 from lidarcodec.settings import settings_from
-from tests.clients.c_session import CSession
+from tests.clients.c_session import CSession, Picture
 from tests.clients.test_c_library import alike
 from tests.codecs.test_other_sensors import SMALL
 from tests.codecs.test_other_sensors_pictures import far_frame, framed
@@ -33,9 +33,10 @@ WOUNDED = (SectionType.RANGE, SectionType.PLANES)
 NUMBERS = {name: table.codec_id(name) for name in ("png", "jxl")}
 
 
-def open_jxl(data: bytes, rows: int, width: int) -> npt.NDArray[np.uint16]:
+def open_jxl(picture: Picture) -> npt.NDArray[np.uint16]:
     """As a program would by libjxl."""
-    return read_jxl(data, rows, width)
+    assert picture.bits == 16
+    return read_jxl(picture.data, picture.rows, picture.width)
 
 
 @pytest.fixture
@@ -111,12 +112,13 @@ def test_pictures_that_nobody_opens_are_refused_by_name(bare: CSession) -> None:
     bare.give_pictures(NUMBERS["jxl"], None)
     with pytest.raises(UnsupportedVersionError, match="jxl"):
         bare.push(wire.pack(messages("jxl", SMALL[0])[0]))
-    with pytest.raises(UnsupportedVersionError, match="codec 99"):
-        bare.give_pictures(99, open_jxl)
+    for number in (1, 3, 10, 11, 99):  # others have no pictures
+        with pytest.raises(UnsupportedVersionError, match=f"no codec {number} of pictures"):
+            bare.give_pictures(number, open_jxl)
 
 
 def test_a_picture_that_the_program_cannot_open_is_damage(bare: CSession) -> None:
-    bare.give_pictures(NUMBERS["jxl"], lambda data, rows, width: read_jxl(data, rows + 1, width))
+    bare.give_pictures(NUMBERS["jxl"], lambda picture: read_jxl(picture.data, picture.rows + 1, picture.width))
     coded = messages("jxl", SMALL[0])
     with pytest.raises(SectionError, match="damaged picture of codec jxl"):
         bare.push(wire.pack(coded[0]))

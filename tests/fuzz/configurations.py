@@ -130,6 +130,10 @@ OTHER_PICTURES: tuple[dict[str, Any], ...] = (
     {"codec": "jxl"},
     {"codec": "png", "max_error_m": 0.05, "reduction": "lattice:2"},
     {"codec": "jxl", "max_error_m": 0.3, "intensity": "levels=8"},
+    {"codec": "jpeg", "codec_settings": {"mapping": "log"}},
+    {"codec": "jpeg-layered", "codec_settings": {"group": 2, "bits": 8}},
+    {"codec": "h264", "reduction": "lattice:2"},
+    {"codec": "h264-log", "codec_settings": {"mapping": "paper", "bits": 8}},
 )
 """Pictures of other sensors, for the harness of the native session."""
 

@@ -35,7 +35,7 @@ from lidarcodec.wire import pack, unpack
 from tests.fuzz import configurations, extremes, other_sensors
 from tests.vectors.make import split
 
-CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive", "png")
+CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive", "png", "jxl", "jpeg", "jpeg-layered", "h264", "h264-log")
 _NAMED = ("PLAIN", "MORE", "FEW", "FREE", "ROUNDED", "REDUCED", "THINNED")
 _GOLDEN = Path(__file__).parents[1] / "golden"
 _MESSAGES = 4
@@ -80,6 +80,13 @@ def _plain(message: Message, frame: Frame) -> Message:
     return replace(message, sections=tuple(sections))
 
 
+def _together(settings: dict[str, Any], made: list[Frame]) -> list[Frame]:
+    """The frames; those of a group are near each other: stamps at both ends of time are none."""
+    if settings["codec"] != "jpeg-layered":
+        return made
+    return [frame.with_(stamp_ns=number) for number, frame in enumerate(made)]
+
+
 def _coded(settings: dict[str, Any], made: list[Frame], *, learns: bool = False) -> list[Message]:
     with tempfile.TemporaryDirectory(prefix="lidarcodec-fuzz-") as folder:
         own = settings.get("codec_settings", {})
@@ -92,7 +99,9 @@ def _coded(settings: dict[str, Any], made: list[Frame], *, learns: bool = False)
             base = unpack_weights(_weights())
             learner = _Taught(update_of(base, _nets(4), (5, 6, 6, 5)), base.name)
             encoder._encoder._ranges._learner = learner  # type: ignore[attr-defined]
-        coded = ((encoder.encode(frame, key=frame is made[0]), frame) for frame in made)
+        made = _together(settings, made)
+        coded = [(encoder.encode(frame, key=frame is made[0]), frame) for frame in made]
+        coded.append((encoder.flush(), made[-1]))
         return [_plain(message, frame) for messages, frame in coded for message in messages]
 
 
@@ -135,7 +144,7 @@ def _others(seed: int) -> Iterator[list[Message]]:
         for number, settings in islice(enumerate(of), place % 2, None, 2):
             at, count = (4 * number + 7 * place) % (len(made) - 3), 3 if settings["codec"] == "riddle" else 2
             encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
-            coded = [encoder.encode(frame) for frame in made[at : at + count]]
+            coded = [*map(encoder.encode, _together(settings, made[at : at + count])), encoder.flush()]
             yield [_described(message) for messages in coded for message in messages]
 
 

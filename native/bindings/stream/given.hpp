@@ -52,7 +52,7 @@ class Given final : public GivenUnzstd {
     return vector_of(inflate_(nb::bytes(stream.data(), stream.size()), most));
   }
 
-  bool reads_ranges(lidarcodec::Codec) const override { return reads_ranges_; }
+  bool reads_ranges(lidarcodec::Codec, bool planes) const override { return reads_ranges_ && !planes; }
 
   bool takes_model(const std::string& name) const override {
     if (!takes_model_) return false;

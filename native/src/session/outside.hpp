@@ -15,11 +15,13 @@ namespace lidarcodec {
 
 struct DecodedCloud;  // session/frames/cloud_section.hpp
 
-// A picture of a message, of one channel.
+// A picture of a message, of one channel. begins: of a video, whether it refers to no picture before.
 struct Picture {
   Codec codec{};
   Bytes data;
   std::size_t rows = 0, width = 0;
+  unsigned bits = 16;
+  bool begins = true;
 };
 
 class Outside {
@@ -32,9 +34,9 @@ class Outside {
   virtual std::optional<std::vector<std::uint8_t>> inflated(Bytes stream, std::size_t most) const = 0;
   // Whether it opens pictures of 16 bits, png or jxl; by default none.
   virtual bool opens_pictures(Codec) const { return false; }
-  // Whether the program reads the ranges of a codec by itself, from the planes that the session gives; by default of
-  // none.
-  virtual bool reads_ranges(Codec) const { return false; }
+  // Whether the ranges of a codec are read elsewhere, from the planes that the session gives; by default of none.
+  // planes: of frames of another sensor than an HDL-64E
+  virtual bool reads_ranges(Codec, [[maybe_unused]] bool planes) const { return false; }
   // The message of a CLOUD section, by `decode_cloud`; nothing where the program reads the section by itself.
   virtual std::shared_ptr<const DecodedCloud> cloud(Bytes section) const = 0;
   // Whether the program takes frames of a sensor that this core does not know: it then checks their layout and series,

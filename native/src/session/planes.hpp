@@ -1,5 +1,6 @@
 // Sections that all codecs have beside ranges: intensities, pose, side information; and all planes of codec `raw`.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -20,6 +21,10 @@ struct Planes {
   std::vector<std::uint8_t> intensity;  // (64, W)
   std::vector<std::uint8_t> fired;      // (2, W), 0 or 1
   std::vector<std::uint8_t> returns;    // (64, W), 0 or 1
+
+  bool any_return() const {
+    return std::any_of(returns.begin(), returns.end(), [](std::uint8_t one) { return one != 0; });
+  }
 };
 
 // Fills `intensity`, 0 where nothing was sent. memory: what lossless intensities go on from; changed. Raises Section or

@@ -11,17 +11,6 @@ namespace {
 
 constexpr std::uint32_t kMostStep = 20'001, kMostRange = 65'535;
 
-std::uint16_t range_of(std::uint32_t index, std::uint32_t step) {
-  if (step == 1) {
-    if (index == 0) throw Error(ErrorCode::Section, "a return of range 0");
-    return static_cast<std::uint16_t>(index);
-  }
-  if (const std::uint32_t top = (kMostRange + step / 2) / step; index > top)
-    throw Error(ErrorCode::Section, "range index " + std::to_string(index) + " beyond " + std::to_string(top) +
-                                        ", the last of step " + std::to_string(step));
-  return static_cast<std::uint16_t>(index == 0 ? (step / 2 + 1) / 2 : std::min(index * step, kMostRange));
-}
-
 // Differences of consecutive indices, folded: all low bytes, then all high.
 std::vector<std::uint16_t> summed(const std::vector<std::uint8_t>& bytes) {
   const std::size_t count = bytes.size() / 2;
@@ -65,6 +54,17 @@ std::pair<std::uint32_t, Bytes> split_step(Bytes section) {
   return {step, section.subspan(2)};
 }
 
+std::uint16_t range_of_index(std::uint32_t index, std::uint32_t step) {
+  if (step == 1) {
+    if (index == 0) throw Error(ErrorCode::Section, "a return of range 0");
+    return static_cast<std::uint16_t>(index);
+  }
+  if (const std::uint32_t top = (kMostRange + step / 2) / step; index > top)
+    throw Error(ErrorCode::Section, "range index " + std::to_string(index) + " beyond " + std::to_string(top) +
+                                        ", the last of step " + std::to_string(step));
+  return static_cast<std::uint16_t>(index == 0 ? (step / 2 + 1) / 2 : std::min(index * step, kMostRange));
+}
+
 std::vector<std::uint16_t> decode_quantised(const Message& message, const Outside& outside,
                                             const std::vector<std::uint8_t>& returns) {
   const auto [step, coded] = split_step(message.section(SectionType::Range));
@@ -73,7 +73,7 @@ std::vector<std::uint16_t> decode_quantised(const Message& message, const Outsid
   const std::vector<std::uint16_t> indices = indices_of(message, coded, outside, returns, count);
   std::vector<std::uint16_t> ranges(returns.size());
   for (std::size_t i = 0, from = 0; i < returns.size(); ++i)
-    if (returns[i] != 0) ranges[i] = range_of(indices[from++], step);
+    if (returns[i] != 0) ranges[i] = range_of_index(indices[from++], step);
   return ranges;
 }
 

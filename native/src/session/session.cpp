@@ -21,19 +21,21 @@ constexpr std::uint8_t kDescribed = 3;  // form of a CALIBRATION section, of oth
 
 bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec == Codec::Riddle; }
 
+// All codecs but these send ranges as pictures.
+bool has_no_picture(Codec codec) {
+  return codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || expects_ranges(codec);
+}
+
 void check_codec(const Message& message, const Outside& outside) {
   const Codec codec = message.codec;
-  const bool whole = codec == Codec::Raw || codec == Codec::Zstd || codec == Codec::Pcodec || expects_ranges(codec);
-  if (message.planes ? whole : outside.reads_ranges(codec)) return;
+  if (has_no_picture(codec) || outside.reads_ranges(codec, message.planes)) return;
   const std::string name = name_of(codec);
   if (name.empty())
     throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)),
                 12);
-  const bool is_picture = codec == Codec::Png || (message.planes && is_exact_picture(codec));
-  if (is_picture && !outside.opens_pictures(codec))
+  const bool is_exact = codec == Codec::Png || (message.planes && is_exact_picture(codec));
+  if (!is_exact || !outside.opens_pictures(codec))
     throw Error(ErrorCode::Version, "codec " + name + " needs a decoder of pictures, and none was given", 12);
-  if (!is_picture && (message.planes || !whole))
-    throw Error(ErrorCode::Version, "codec " + name + " is not decoded here", 12);
 }
 
 Columns columns_of(const Planes& planes) { return {planes.width, planes.azimuth.data(), planes.fired.data()}; }
@@ -102,10 +104,14 @@ void Session::give_calibration(Bytes section) {
 const SessionFrame& Session::push(Bytes data) {
   const Message message = read_message(data);
   SessionFrame frame = decode(message);
-  const std::optional<Bytes> lattice = message.planes ? std::nullopt : message.find(SectionType::Lattice);
-  if (lattice) frame.planes = in_own_columns(frame.planes, *lattice, *outside_);
+  put_in_own_columns(message, frame);
   frame_ = std::move(frame);
   return frame_;
+}
+
+void Session::put_in_own_columns(const Message& message, SessionFrame& frame) const {
+  const std::optional<Bytes> lattice = message.planes ? std::nullopt : message.find(SectionType::Lattice);
+  if (lattice) frame.planes = in_own_columns(frame.planes, *lattice, *outside_);
 }
 
 SessionFrame Session::decode(const Message& message) {
@@ -204,7 +210,7 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   decode_pose(message);
   if (expects_ranges(message.codec))
     decode_ranges(message, sensor, planes);
-  else if (outside_->reads_ranges(message.codec))
+  else if (outside_->reads_ranges(message.codec, false))
     planes.range.resize(planes.returns.size());
   else
     planes.range = decode_quantised(message, *outside_, planes.returns);

@@ -4,8 +4,8 @@
 // Frames of an HDL-64E and of other sensors come out apart: `planes` and `images`.
 //
 // Decoded here: raw, zstd, pcodec, riddle, predictive; where there is a decoder of their pictures png, and jxl of other
-// sensors than an HDL-64E. Of codecs whose ranges the program reads by itself all else is decoded. Other codecs are
-// refused by name.
+// sensors than an HDL-64E. Of codecs whose ranges are read elsewhere, by the program or by
+// pictures/picture_session.hpp, all else is decoded. Other codecs are refused by name.
 #pragma once
 #include <array>
 #include <memory>
@@ -41,8 +41,14 @@ class Session {
   const SessionFrame& push(Bytes message);
 
   // The same for a message that was read elsewhere; a thinned frame in the columns that were sent, with ranges of 0
-  // where the program reads them by itself.
+  // where they are read elsewhere.
   SessionFrame decode(const Message& message);
+
+  // Forgets what another stream, or another codec, has brought than that of a message; `decode` does so by itself.
+  void begin_stream(const Message& message);
+
+  // Puts such a frame of an HDL-64E into the columns that it had before it was thinned. Raises Section or Truncated.
+  void put_in_own_columns(const Message& message, SessionFrame& frame) const;
 
   // Refuses messages that need another until one that needs none is decoded: the program could not use the last frame.
   void cut() { last_.reset(); }
@@ -56,7 +62,6 @@ class Session {
   std::string missing_weights(Bytes message) const;
 
  private:
-  void begin_stream(const Message& message);
   ImageFrame images_of(const Message& message);
   void refer(const Message& message);
   void decode_planes_of(const Message& message, SessionFrame& frame);

@@ -110,6 +110,7 @@ ImageFrame read_image_frame(const Message& message, DescribedSensorBook& sensors
               std::to_string(frame.sensor->rows()));
     if (is_exact_picture(message.codec)) take_picture(message, outside, columns, found);
     frame.planes = std::move(found.planes);
+    frame.shift = std::move(found.shift);
     if (lattice) widen(*lattice, frame);
     if (const NamedPlane* const intensity = frame.named("intensity"); intensity && intensity->bits > kMostIntensityBits)
       damaged("intensities of " + std::to_string(intensity->bits) + " bits, more than " +

@@ -11,6 +11,7 @@ struct ImageFrame {
   std::shared_ptr<const DescribedSensor> sensor;
   std::size_t width = 0;
   std::vector<NamedPlane> planes;    // (H, W) each, H the sensor's rows; none if all packets are odd
+  std::vector<std::int32_t> shift;   // of its PLANES section: columns by which each row moves in a picture
   std::vector<std::size_t> lattice;  // the columns that were sent, ascending, where the frame was thinned to some
   PacketRest rest;
   std::shared_ptr<const DecodedCloud> cloud;  // of a point cloud, unless the program reads its section by itself
