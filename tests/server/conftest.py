@@ -6,6 +6,7 @@ import asyncio
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any
 
 import httpx
 import pytest
@@ -75,8 +76,12 @@ def vehicle(network):
     """Function that starts a publisher, car-7/roof unless named otherwise; all are stopped after the test."""
     started = []
 
-    def start(settings: StreamSettings | None = None, name: str = "car-7", sensor: str = "roof") -> Publisher:
+    def start(
+        settings: StreamSettings | None = None, name: str = "car-7", sensor: str = "roof", **changes: Any
+    ) -> Publisher:
+        """changes: settings that were changed before a server sees it."""
         publisher = Publisher(Loop(), settings, vehicle=name, sensor=sensor, transport=network.transport())
+        publisher.change(**changes)
         started.append(publisher.start())
         return publisher
 

@@ -362,8 +362,7 @@ async def test_settings_deleted_and_others_set_while_a_vehicle_was_away_leave_on
         await until(away)
         await client.delete(f"{STREAM}/settings")
         assert (await client.patch(f"{STREAM}/settings", json={"key_interval": 7})).status_code == 202
-        again = vehicle()
-        again.change(max_error_m=settings.max_error_m)  # as if it had never been away
+        vehicle(max_error_m=settings.max_error_m)  # as if it had never been away
         await applied(client, key_interval=7)
         assert (await client.get(f"{STREAM}/settings")).json()["applied"]["max_error_m"] is None
 
