@@ -52,8 +52,8 @@ def encode_intensity(
     """
     _check_values(values, returns, fired)
     columns = columns_of(turn)
-    image = np.ascontiguousarray(values)
-    return _native.encode_intensity(image, as_bytes(returns), *frame_geometry(fired, sensor), columns, memory, azimuth)
+    image, angles = np.ascontiguousarray(values), _angles(azimuth)
+    return _native.encode_intensity(image, as_bytes(returns), *frame_geometry(fired, sensor), columns, memory, angles)
 
 
 def choose_levels(
@@ -95,7 +95,11 @@ def decode_intensity(
     Raises SectionError or TruncatedError.
     """
     check_returns(returns, fired)
-    return _native.decode_intensity(data, as_bytes(returns), *frame_geometry(fired, sensor), memory, azimuth)
+    return _native.decode_intensity(data, as_bytes(returns), *frame_geometry(fired, sensor), memory, _angles(azimuth))
+
+
+def _angles(azimuth: npt.NDArray[np.uint16] | None) -> npt.NDArray[np.uint16] | None:
+    return None if azimuth is None else np.ascontiguousarray(azimuth, np.uint16)
 
 
 def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:

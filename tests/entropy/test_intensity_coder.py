@@ -195,6 +195,12 @@ def test_arrays_in_any_memory_order() -> None:
     assert turned == data
     came = decode_intensity(data, np.asfortranarray(returns), fired, golden_sensor())
     np.testing.assert_array_equal(came, np.where(returns, values, 0))
+    azimuth = np.arange(2 * fired.shape[1], dtype=np.uint16).reshape(fired.shape)
+    following = [
+        encode_intensity(values, returns, fired, golden_sensor(), memory=IntensityMemory(True), azimuth=one)
+        for one in (azimuth, np.asfortranarray(azimuth))
+    ]
+    assert following[0] == following[1]
 
 
 def test_the_bytes_of_version_1_are_still_written_and_read() -> None:
