@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import Final, NamedTuple
 
-from tests.reference.intensity import ONE, WideReader, clamp16, probability_of
+from tests.reference.intensity import ONE, clamp16, probability_of
 from tests.reference.plane_proportion import Proportion
 from tests.reference.plane_rows import Far, Row, clamp, first_cell, ql, toward_zero
 from tests.reference.range_coder import BitModel
+from tests.reference.wide_coder import WideReader
 
 RANGE, SECOND, ATTRIBUTE = range(3)
 CONSTANT, NUMBERS, SYMBOLS, SPARSE = range(4)

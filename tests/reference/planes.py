@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tests.reference.intensity import WideReader
 from tests.reference.plane_cells import ATTRIBUTE, CONSTANT, SPARSE, Form, Ints, PlaneDecoder
 from tests.reference.plane_following import NOTHING, FollowingDecoder, Trace
 from tests.reference.plane_motion import Moved, View
 from tests.reference.plane_rows import read_varint
+from tests.reference.wide_coder import WideReader
 
 __all__ = ["Form", "Head", "Memory", "decode", "decode_next", "read_heads"]
 

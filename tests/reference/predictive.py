@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SectionError, TruncatedError
-from tests.reference.intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
+from tests.reference.intensity import ONE, clamp16, closed_up, probability_of
 from tests.reference.mask import ROWS, Layout
 from tests.reference.predictive_place import (
     FIRINGS,
@@ -28,6 +28,7 @@ from tests.reference.predictive_place import (
     nearer,
 )
 from tests.reference.predictive_rows import Rows, Work, code_frame, code_slab
+from tests.reference.wide_coder import WideReader, WideWriter
 
 EXPECTED, SLAB, QUICK, FREE = 1, 2, 8, 16
 """Bits of a kind; 4 is for ranges coded with a network, which this coder has none of."""
