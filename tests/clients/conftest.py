@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.clients.c_session import CSession
 from tests.conftest import ROOT
 
 BUILD = ROOT / "build" / "native"
@@ -36,3 +38,11 @@ def programs(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for step in (words, ["cmake", "--build", str(build)]):
         subprocess.run(step, check=True, capture_output=True, timeout=300)
     return build
+
+
+@pytest.fixture
+def bare(installed: Path) -> Iterator[CSession]:
+    """A session to which nothing is given."""
+    made = CSession(next(installed.rglob("liblidarcodec.so")))
+    yield made
+    made.close()

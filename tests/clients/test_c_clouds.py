@@ -6,7 +6,6 @@ import json
 import random
 import struct
 import subprocess
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,10 +43,8 @@ STREAMS = [(codec, name) for codec in CODECS for name in CLOUDS if codec in ("ra
 
 
 @pytest.fixture
-def session(installed: Path) -> Iterator[CSession]:
-    made = CSession(next(installed.rglob("liblidarcodec.so")))
-    yield made
-    made.close()
+def session(bare: CSession) -> CSession:
+    return bare
 
 
 def sent(codec: str, payload: bytes, **more: object) -> tuple[Frame, bytes]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import islice
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -60,14 +58,6 @@ class Films:
         assert self._reader is not None
         assert (self._reader.shape, self._reader.bits) == ((picture.rows, picture.width), picture.bits)
         return self._reader.read(picture.data, idr=picture.begins)
-
-
-@pytest.fixture
-def bare(installed: Path) -> Iterator[CSession]:
-    """A session to which nothing is given."""
-    made = CSession(next(installed.rglob("liblidarcodec.so")))
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,14 +35,6 @@ def open_jxl(picture: Picture) -> npt.NDArray[np.uint16]:
     """As a program would by libjxl."""
     assert picture.bits == 16
     return read_jxl(picture.data, picture.rows, picture.width)
-
-
-@pytest.fixture
-def bare(installed: Path) -> Iterator[CSession]:
-    """A session to which nothing is given."""
-    made = CSession(next(installed.rglob("liblidarcodec.so")))
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -25,7 +25,8 @@
 #include "bits/cells.hpp"
 #include "planes/intensity_symbols.hpp"
 
-// For what is called for every return. The decoder of the page stays small without.
+// What runs for every return is inlined and its loops are unrolled, but not in the page's decoder, which has to be
+// small.
 #if defined(__wasm__)
 #define LIDARCODEC_EACH_RETURN
 #define LIDARCODEC_UNROLL(times) _Pragma("clang loop unroll(disable)")

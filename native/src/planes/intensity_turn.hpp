@@ -1,5 +1,5 @@
 // What a stream sent last in each direction of each row: the intensities of the turn before, but for what was sent
-// since. Masks have the like (session/history.hpp).
+// since. MaskMemory (session/history.hpp) is the same for masks.
 #pragma once
 #include <cstddef>
 #include <cstdint>

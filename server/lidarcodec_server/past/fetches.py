@@ -348,7 +348,7 @@ class Fetches:
             self._clips.make_room([plan, *others], done, self._gives_way, first)
 
     def _gives_way(self, record: Record) -> bool:
-        """The same for a clip that is to make room: somebody may want to keep it by now."""
+        """Forget a fetch whose clip is to make room, unless somebody wants to keep the clip by now."""
         with self._wake:
             now = self._ended.get(record.id)
             return now is not None and not now.stays and self._forget(record)
