@@ -20,7 +20,7 @@ from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.history import MaskHistory
 from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.planes.intensity import Quality
-from lidarcodec.planes.sections import encode_planes
+from lidarcodec.planes.sections import planes_beside
 from lidarcodec.ranges.quantise import requantised
 from lidarcodec.settings import StreamSettings
 
@@ -210,21 +210,16 @@ class Independent(Generic[Own]):
             self._masks.forget()
         previous = None if masks is None else masks.before(frame.azimuth, frame.sensor)
         quality = Quality.of(settings.stream)
-        planes = encode_planes(
-            frame,
-            quality,
-            previous,
-            grouped_intensity=self._grouped_intensity,
-            memory=self._turn.memory(frame, goes_on=goes_on),
-        )
-        ranges = Section(SectionType.RANGE, self._ranges(frame))
+        memory, grouped = self._turn.memory(frame, goes_on=goes_on), self._grouped_intensity
+        with planes_beside(frame, quality, previous, grouped_intensity=grouped, memory=memory) as planes:
+            sections = [Section(SectionType.RANGE, self._ranges(frame)), *planes()]
         if with_history:
             masks = masks or MaskHistory()
             masks.remember(frame.valid, frame.azimuth, frame.sensor)
             self._masks.put(frame.index, masks)
         step = settings.stream.step
         self._turn.coded(frame)
-        return Coded([ranges, *planes], needs, (lambda: requantised(frame, step)) if self._layered else None, goes_on)
+        return Coded(sections, needs, (lambda: requantised(frame, step)) if self._layered else None, goes_on)
 
     def _ranges(self, frame: Frame) -> bytes:
         return self._code_ranges(frame, self._settings)

@@ -15,7 +15,8 @@ if they were its own, and with the motion of the message before where that is st
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Callable, Set
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
@@ -40,7 +41,7 @@ from lidarcodec.motion.history import MaskHistory, StreamHistory
 from lidarcodec.motion.motion import Motion, encode_motion
 from lidarcodec.motion.warp import beam_rows, swept
 from lidarcodec.planes.intensity import Quality
-from lidarcodec.planes.sections import encode_planes
+from lidarcodec.planes.sections import planes_beside
 from lidarcodec.ranges.firings import FiringCounter
 from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.ranges.quantise import as_decoded
@@ -281,11 +282,11 @@ class Referring(Generic[OwnReferring, Learned]):
         else:
             needs, memory = found
             reference = self._references.go_on(frame, memory.sent)
-        planes = self._planes(frame, reference, memory, follows=needs is not None)
-        if remembers:  # coded alone, a frame may begin anywhere
-            reference = self._references.counted(frame, reference)
-        coded = self._ranges.encode(frame, reference, memory.learned)
-        sections = [Section(SectionType.RANGE, coded.data), *planes]
+        with self._planes(frame, reference, memory, follows=needs is not None) as planes:
+            if remembers:  # coded alone, a frame may begin anywhere
+                reference = self._references.counted(frame, reference)
+            coded = self._ranges.encode(frame, reference, memory.learned)
+            sections = [Section(SectionType.RANGE, coded.data), *planes()]
         if reference.motion is not None:
             moved = b"" if reference.moves_on else encode_motion(reference.motion)
             sections.append(Section(SectionType.MOTION, moved))
@@ -302,14 +303,16 @@ class Referring(Generic[OwnReferring, Learned]):
         intensities = memory.intensities.copy()
         return Memory(memory.sent.copy(), memory.mask_stream.copy(), memory.masks.copy(), intensities, learned)
 
-    def _planes(self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool) -> list[Section]:
+    def _planes(
+        self, frame: Frame, reference: Reference, memory: Memory[Learned], *, follows: bool
+    ) -> AbstractContextManager[Callable[[], list[Section]]]:
         quality = Quality.of(self._settings.stream)
         intensities = memory.intensities if self._settings.own.memory else None
         if frame.keep is None and self._settings.own.expects:
             encode_mask = lambda of: _mask(of, reference, memory.mask_stream)  # noqa: E731
-            return encode_planes(frame, quality, encode_mask=encode_mask, memory=intensities)
+            return planes_beside(frame, quality, encode_mask=encode_mask, memory=intensities)
         previous = memory.masks.before(frame.azimuth, frame.sensor) if follows else None
-        return encode_planes(frame, quality, previous, memory=intensities)
+        return planes_beside(frame, quality, previous, memory=intensities)
 
 
 def _mask(frame: Frame, reference: Reference, stream: MaskStream) -> bytes:

@@ -7,13 +7,16 @@ instead, because a dropped return decodes as no return.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import entropy
+from lidarcodec.beside import beside
 from lidarcodec.entropy import IntensityMemory
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -29,6 +32,8 @@ Mask = npt.NDArray[np.bool_]
 EncodeMask = Callable[[Frame], bytes]
 """Codes the mask of a frame in a stream whose masks refer to earlier ones."""
 _POSE_BYTES = 12 * 8
+WORTH_A_THREAD: Final = 12_000
+"""Intensities of so many returns take a millisecond, and a thread a tenth of that."""
 DecodeSide = Callable[[bytes, int], SideInfo]
 """Reads a SIDE section, of its bytes and the number of packets. Raises SectionError or TruncatedError."""
 
@@ -50,7 +55,8 @@ def check_unfired(frame: Frame, cells: Mask) -> None:
         raise LidarCodecError(f"frame {frame.index} has returns in cells that did not fire")
 
 
-def encode_planes(
+@contextmanager
+def planes_beside(
     frame: Frame,
     quality: Quality,
     previous: Mask | None = None,
@@ -58,8 +64,9 @@ def encode_planes(
     grouped_intensity: bool = False,
     encode_mask: EncodeMask | None = None,
     memory: IntensityMemory | None = None,
-) -> list[Section]:
-    """Sections of a frame beside calibration and range.
+) -> Iterator[Callable[[], list[Section]]]:
+    """Sections of a frame beside calibration and range, by the call that the block is given. Intensities are coded
+    while the block runs, which codes the ranges.
 
     quality: of intensity; previous: mask that the mask coder may look at
     grouped_intensity: code intensities quickly instead of small; encode_mask: of streams that code masks with memory
@@ -71,16 +78,28 @@ def encode_planes(
     if not frame.fired.all():
         check_unfired(frame, cells)
     turn = entropy.columns_in_turn(frame.azimuth) if frame.fired[0].all() else None
-    sections = [
-        Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
-        _mask_section(frame, previous, turn, encode_mask),
-    ]
-    intensity = encode_intensity(frame, cells, quality, turn=turn, grouped=grouped_intensity, memory=memory)
-    if intensity is not None:
-        sections.append(Section(SectionType.INTENSITY, intensity))
-    if (side := frame.blocks) is not None:
-        sections.append(Section(SectionType.SIDE, entropy.encode_side(side)))
-    return sections + position_sections(frame) + pose_sections(frame)
+    coded = lambda: encode_intensity(  # noqa: E731
+        frame, cells, quality, turn=turn, grouped=grouped_intensity, memory=memory
+    )
+    with beside(coded, pays=frame.points >= WORTH_A_THREAD) as intensity:
+        first = [
+            Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
+            _mask_section(frame, previous, turn, encode_mask),
+        ]
+        last = [] if (side := frame.blocks) is None else [Section(SectionType.SIDE, entropy.encode_side(side))]
+        last += position_sections(frame) + pose_sections(frame)
+
+        def sections() -> list[Section]:
+            data = intensity()
+            return [*first, *([] if data is None else [Section(SectionType.INTENSITY, data)]), *last]
+
+        yield sections
+
+
+def encode_planes(frame: Frame, quality: Quality, previous: Mask | None = None) -> list[Section]:
+    """The sections of `planes_beside`, at once. Raises LidarCodecError for a frame that contradicts itself."""
+    with planes_beside(frame, quality, previous) as sections:
+        return sections()
 
 
 def _mask_section(frame: Frame, previous: Mask | None, turn: int | None, encode_mask: EncodeMask | None) -> Section:

@@ -70,43 +70,49 @@ std::vector<Number> image(Bytes data, std::size_t rows, std::size_t width, const
 
 }  // namespace
 
-void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes,
-                        IntensityMemory& memory) {
-  planes.intensity.assign(planes.returns.size(), 0);
+IntensitySection::IntensitySection(const Message& message) {
   const std::optional<Bytes> section = message.find(SectionType::Intensity);
   if (!section) return;
   if (section->empty() || section->front() >= kForms)
     damaged("an intensity section of " + std::to_string(section->size()) + " bytes, or of an unknown form");
-  const bool modelled = section->front() >= kModelled;
+  sent = true;
+  modelled = section->front() >= kModelled;
   const std::uint8_t form = section->front() % kModelled;
-  const bool all_fired = form == kAllFired;
-  Bytes coded = section->subspan(1), others;
-  if (all_fired) {
-    if (coded.size() < 4) damaged("intensities that end within their size");
-    const std::size_t size = std::min<std::size_t>(little_endian(coded, 0, 4), coded.size() - 4);
-    others = coded.subspan(4 + size);
-    coded = coded.subspan(4, size);
-  }
+  few = form == kFew;
+  of_returns = section->subspan(1);
+  if (form != kAllFired) return;
+  if (of_returns.size() < 4) damaged("intensities that end within their size");
+  const std::size_t size = std::min<std::size_t>(little_endian(of_returns, 0, 4), of_returns.size() - 4);
+  of_others = of_returns.subspan(4 + size);
+  of_returns = of_returns.subspan(4, size);
+}
+
+std::vector<std::uint8_t> decode_modelled(const IntensitySection& section, const Sensor& sensor, const Planes& planes,
+                                          IntensityMemory& memory) {
+  if (!section.modelled) return std::vector<std::uint8_t>(planes.returns.size());
+  return decode_intensity(section.of_returns.data(), section.of_returns.size(), planes.returns.data(),
+                          sensor.geometry(planes.width, planes.fired.data()), section.few ? nullptr : &memory,
+                          planes.azimuth.data());
+}
+
+void decode_other_intensities(const IntensitySection& section, const Outside& outside, const Sensor& sensor,
+                              Planes& planes) {
   const std::vector<std::uint8_t>& returns = planes.returns;
-  if (modelled) {
-    planes.intensity =
-        decode_intensity(coded.data(), coded.size(), returns.data(), sensor.geometry(planes.width, planes.fired.data()),
-                         form == kFew ? nullptr : &memory, planes.azimuth.data());
-  } else {
+  if (section.sent && !section.modelled) {
     const auto count =
         static_cast<std::size_t>(std::count_if(returns.begin(), returns.end(), [](std::uint8_t r) { return r != 0; }));
-    const std::vector<std::uint8_t> values = decode_grouped(coded, count, outside);
+    const std::vector<std::uint8_t> values = decode_grouped(section.of_returns, count, outside);
     for (std::size_t i = 0, from = 0; i < returns.size(); ++i)
       if (returns[i] != 0) planes.intensity[i] = values[from++];
   }
-  if (!all_fired) return;
+  if (!section.of_others) return;
   std::vector<std::size_t> cells;
   for (std::size_t row = 0; row < kRows; ++row) {
     const std::uint8_t* const fired = planes.fired.data() + sensor.beams.half[row] * planes.width;
     for (std::size_t c = 0; c < planes.width; ++c)
       if (fired[c] != 0 && returns[row * planes.width + c] == 0) cells.push_back(row * planes.width + c);
   }
-  const std::vector<std::uint8_t> values = zstd_frame(outside, others, cells.size());
+  const std::vector<std::uint8_t> values = zstd_frame(outside, *section.of_others, cells.size());
   for (std::size_t i = 0; i < cells.size(); ++i) planes.intensity[cells[i]] = values[i];
 }
 

@@ -27,10 +27,23 @@ struct Planes {
   }
 };
 
-// Fills `intensity`, 0 where nothing was sent. memory: what lossless intensities go on from; changed. Raises Section or
-// Truncated.
-void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes,
-                        IntensityMemory& memory);
+// An INTENSITY section; `sent` is false where a message has none. Raises Section.
+struct IntensitySection {
+  explicit IntensitySection(const Message& message);
+
+  bool sent = false, modelled = false, few = false;  // few: values of the sensor were replaced by a few others
+  Bytes of_returns;
+  std::optional<Bytes> of_others;  // of the cells that fired without a return
+};
+
+// Intensities of the returns where they are modelled, (64, W), else zeros. Calls nothing from outside, so that a thread
+// can do it. memory: what lossless intensities go on from; changed. Raises Section or Truncated.
+std::vector<std::uint8_t> decode_modelled(const IntensitySection& section, const Sensor& sensor, const Planes& planes,
+                                          IntensityMemory& memory);
+
+// Adds to `intensity` what is not modelled: grouped returns, and cells without a return. Raises Section or Truncated.
+void decode_other_intensities(const IntensitySection& section, const Outside& outside, const Sensor& sensor,
+                              Planes& planes);
 
 // T_world_sensor, the first three rows; nothing without a POSE section. Raises Section.
 std::optional<std::array<double, 12>> decode_pose(const Message& message);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/beside.hpp"
 #include "base/sha256.hpp"
 #include "planes/azimuth_coder.hpp"
 #include "planes/keep_coder.hpp"
@@ -16,6 +17,8 @@ constexpr std::size_t kReturnsPerByte = 128;  // most returns for a byte of a me
 constexpr std::size_t kNameBytes = 8;
 constexpr std::uint8_t kPlainEffort = 1, kMostEffort = 4;
 constexpr std::uint8_t kSparseKeep = 4, kSparseKeepAfter = 5;
+
+constexpr std::size_t kWorthAThread = 4096;  // bytes of intensities, which take ten times as long as to start a thread
 
 constexpr std::uint8_t kDescribed = 3;  // form of a CALIBRATION section, of other sensors than an HDL-64E
 
@@ -205,7 +208,10 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   planes.azimuth = std::move(azimuths.azimuth);
   planes.fired = std::move(azimuths.fired);
   decode_mask_of(message, sensor, planes);
-  decode_intensities(message, *outside_, sensor, planes, now_.intensities ? *now_.intensities : intensities_);
+  const IntensitySection section(message);
+  IntensityMemory& memory = now_.intensities ? *now_.intensities : intensities_;
+  Beside intensities([&] { return decode_modelled(section, sensor, planes, memory); },
+                     expects_ranges(message.codec) && section.of_returns.size() >= kWorthAThread);
   check_side(message);
   decode_pose(message);
   if (expects_ranges(message.codec))
@@ -214,6 +220,8 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
     planes.range.resize(planes.returns.size());
   else
     planes.range = decode_quantised(message, *outside_, planes.returns);
+  planes.intensity = intensities.get();
+  decode_other_intensities(section, *outside_, sensor, planes);
   return planes;
 }
 
