@@ -266,6 +266,7 @@ class PredictiveCoder:
         samples: RiddleSamples | None,
         quick: bool,
         sent: NDArray[numpy.uint16],
+        halves: bool,
     ) -> bytes: ...
     def decode(
         self,

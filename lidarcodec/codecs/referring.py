@@ -78,6 +78,7 @@ class Reference(NamedTuple):
     moves_on: whether the motion is that of the message before, and need not be sent
     edge: the columns before a slab; None for a whole frame
     firing: columns that the sensor fired before this frame, as far as known
+    goes_on: whether the frame goes on from another
     """
 
     expected: Ranges | None = None
@@ -85,6 +86,7 @@ class Reference(NamedTuple):
     moves_on: bool = False
     edge: KnownColumns | None = None
     firing: int = 0
+    goes_on: bool = False
 
 
 class CodedRanges(NamedTuple):
@@ -122,6 +124,7 @@ def coded_ranges(
         samples=samples,
         quick=quick,
         sent=free,
+        halves=reference.goes_on,
     )
     return CodedRanges(coded, free)
 
@@ -190,11 +193,11 @@ class ReferenceTracker:
         edge = _edge(frame, sent.ranges)
         motion = None if self._finder is None else self._finder.next(frame, sent.ranges.seen).motion
         if motion is None:
-            return Reference(edge=edge)
+            return Reference(edge=edge, goes_on=True)
         expected = sent.ranges.expected(motion, frame.azimuth, frame.fired, frame.sensor)
         moves_on = edge is not None and motion == sent.motion
         sent.motion = motion
-        return Reference(expected, motion, moves_on, edge)
+        return Reference(expected, motion, moves_on, edge, goes_on=True)
 
     def counted(self, frame: Frame, reference: Reference) -> Reference:
         """The reference with the count of firings."""

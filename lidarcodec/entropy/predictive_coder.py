@@ -115,6 +115,7 @@ class PredictiveCoder:
         samples: ReturnSamples | None = None,
         quick: bool = False,
         sent: npt.NDArray[np.uint16] | None = None,
+        halves: bool = False,
     ) -> bytes:
         """Bytes of the ranges of the cells set in `returns`; 9 ms for 120,000 of them, less in longer steps.
 
@@ -127,6 +128,8 @@ class PredictiveCoder:
         quick: with fewer contexts, where there is no network: three tenths less time, up to 0.03 bits a return more
         sent: (64, W) uint16 of zeros, takes the ranges that a decoder gets. With it ranges are free: of all within half
             a step the encoder takes those that cost least; without it they are rounded to whole cells
+        halves: of a whole frame that goes on from others: upper and lower rows get models of their own, so that two
+            cores can code them
 
         Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
         """
@@ -148,7 +151,7 @@ class PredictiveCoder:
             returns, fired, expected = _with(slab_after, returns, fired, expected)
         given = (np.ascontiguousarray(ranges), as_bytes(returns), step, _levels(levels), *frame_geometry(fired, sensor))
         drawn = None if samples is None else samples.native
-        data = self._native.encode(*given, columns, firing % FIRINGS, expected, known, drawn, quick, into)
+        data = self._native.encode(*given, columns, firing % FIRINGS, expected, known, drawn, quick, into, halves)
         if sent is not None and into is not sent:
             sent[:] = into[:, known:]
         return data

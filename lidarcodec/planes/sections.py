@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import entropy
-from lidarcodec.beside import beside
 from lidarcodec.entropy import IntensityMemory
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.motion import is_rigid
+from lidarcodec.planes.beside import beside
 from lidarcodec.planes.intensity import Quality, encode_intensity
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo

@@ -77,7 +77,7 @@ void bind_predictive(nb::module_& m) {
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
              In<std::int32_t, 1> rotation, std::uint32_t turn, std::uint32_t firing, In<std::uint16_t, 2> expected,
              std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick,
-             nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu> sent) {
+             nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu> sent, bool halves) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
@@ -88,18 +88,18 @@ void bind_predictive(nb::module_& m) {
             {
               nb::gil_scoped_release release;
               data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples,
-                                  quick, to);
+                                  quick, to, halves);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
           nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
           nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"), nb::arg("samples").none(),
-          nb::arg("quick"), nb::arg("sent").noconvert(),
+          nb::arg("quick"), nb::arg("sent").noconvert(), nb::arg("halves"),
           "Bytes of the ranges of the returns. turn: columns in a full turn, 0 to find it from the returns; firing: of "
           "the first "
           "column; quick: with fewer contexts; sent: (64, W) gets free ranges as they are decoded, (64, 0): ranges are "
-          "rounded.")
+          "rounded; halves: of a whole frame, code it in halves.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

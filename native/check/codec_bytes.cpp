@@ -170,7 +170,7 @@ void check_ranges(const Scene& scene, const Way& way, bool free) {
         const Ranges seen = expected_ranges(history, scene.table, Motion{}, columns);
         const std::uint16_t* const expected = expects ? seen.data() : nullptr;
         const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected,
-                                          kWholeFrame, nullptr, way.quick, free ? sent.data() : nullptr);
+                                          kWholeFrame, nullptr, way.quick, free ? sent.data() : nullptr, frame > 0);
         const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, scene.geometry, expected);
         if (free && step > 1 && came != sent) fail("free ranges");
         for (std::size_t i = 0; i < came.size(); ++i)

@@ -49,13 +49,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                    cells,
                    turn,
                    kind & 16u ? guesses.data() : nullptr,
-                   slab ? static_cast<lidarcodec::KnownColumns>(how / 4 % (width + 1)) : lidarcodec::kWholeFrame};
+                   slab ? static_cast<lidarcodec::KnownColumns>(how / 4 % (width + 1)) : lidarcodec::kWholeFrame,
+                   !slab && how / 4 % 2 != 0};
   const Bytes rest = input.rest();
   const std::uint32_t ways = ((turn << 16 | std::uint32_t{holes} << 8 | how) * 2654435761u) >> 16;
 
   if ((kind & 1u) != 0 || (how & 2u) != 0) {
-    const std::size_t streams = slab ? 2 : 4, part = rest.size() * split / (256 * (streams - 1));
-    Bytes coded = {lidarcodec::RangeKind{given.expected != nullptr, slab, learned, quick, true}.byte(),
+    const std::size_t streams = slab ? 2 : given.halves ? 8 : 4, part = rest.size() * split / (256 * (streams - 1));
+    Bytes coded = {lidarcodec::RangeKind{given.expected != nullptr, slab, learned, quick, true, given.halves}.byte(),
                    static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8),
                    static_cast<std::uint8_t>(split % 25)};
     for (std::size_t i = 0; i + 1 < streams; ++i)

@@ -16,6 +16,7 @@ void check_two_frames(const Ranges& image, GivenFrame given, bool learned, std::
   for (std::uint32_t frame = 0; frame < 2; ++frame) {
     check_round_trip(image, given, ways / 16384 % 4 > frame, (ways >> 12 & 1u) == frame, encoder, decoder);
     given.cells.step = (5 * given.cells.step + 2) % 65536 | 1u;  // another odd one
+    given.halves = given.halves != (ways % 5 == 0);
   }
 }
 
@@ -41,16 +42,17 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const bool learned = kind & 128u;
   // How it is coded, and whether there and back, mixed so that no setting goes with one way alone.
   const std::uint32_t ways = ((turn << 16 | std::uint32_t{holes} << 8 | kind) * 2654435761u) >> 16;
-  const GivenFrame given{returns, geometry, cells, turn, expected, known};
+  const bool halves = known < 0 && ways % 3 == 0;
+  const GivenFrame given{returns, geometry, cells, turn, expected, known, halves};
   try {
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
       const bool quick = !learned && (turn & 1024u), free = turn & 4096u;
-      coded = {lidarcodec::RangeKind{expected != nullptr, slab, learned, quick, free}.byte(),
+      coded = {lidarcodec::RangeKind{expected != nullptr, slab, learned, quick, free, halves}.byte(),
                static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8),
                static_cast<std::uint8_t>(holes % 25u)};
-      const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));
+      const std::size_t streams = slab ? 2 : halves ? 8 : 4, part = rest.size() * pattern / (256 * (streams - 1));
       for (std::size_t i = 0; i + 1 < streams; ++i)
         for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}})
           coded.push_back(static_cast<std::uint8_t>(byte));

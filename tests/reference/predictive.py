@@ -30,7 +30,7 @@ from tests.reference.predictive_place import (
 from tests.reference.predictive_rows import Rows, Work, code_frame, code_slab
 from tests.reference.wide_coder import WideReader, WideWriter
 
-EXPECTED, SLAB, QUICK, FREE = 1, 2, 8, 16
+EXPECTED, SLAB, QUICK, FREE, HALVES = 1, 2, 8, 16, 32
 """Bits of a kind; 4 is for ranges coded with a network, which this coder has none of."""
 FRAME_PARTS, SLAB_PARTS = 4, 2
 SIZES_AT: Final = 4
@@ -51,7 +51,8 @@ class Given(NamedTuple):
     """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame.
 
     firing: that of the first column behind those that are known, modulo 24; quick: with fewer contexts and other
-    leaves; free: cells are counted from the last range. `decode` does as the bytes say of all three
+    leaves; free: cells are counted from the last range; halves: upper and lower rows have models of their own.
+    `decode` does as the bytes say of all four
     """
 
     layout: Layout
@@ -62,11 +63,13 @@ class Given(NamedTuple):
     firing: int = 0
     quick: bool = False
     free: bool = False
+    halves: bool = False
 
     @property
     def kind(self) -> int:
         """The first byte."""
         bits = {EXPECTED: self.expected is not None, SLAB: self.known is not None, QUICK: self.quick, FREE: self.free}
+        bits[HALVES] = self.halves
         return sum(bit for bit, is_set in bits.items() if is_set)
 
     def sixteenths(self, value: int, row: int) -> int:
@@ -78,8 +81,8 @@ class Given(NamedTuple):
 
     @property
     def parts(self) -> int:
-        """Streams of returns that are coded together."""
-        return FRAME_PARTS if self.known is None else SLAB_PARTS
+        """Streams of returns: those of rows that are coded together, for each half."""
+        return SLAB_PARTS if self.known is not None else 2 * FRAME_PARTS if self.halves else FRAME_PARTS
 
     @property
     def head_bytes(self) -> int:
@@ -244,11 +247,15 @@ def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Ro
 
 
 def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
-    coder = Parts(model, frame.step, coders, frame)
-    if frame.known is None:
-        code_frame(rows, coder)
+    model.divide(halves=frame.halves)
+    if frame.known is not None:
+        code_slab(rows, Parts(model, frame.step, coders, frame), model, frame.step, free=frame.free)
+    elif model.lower is None:
+        code_frame(rows, Parts(model, frame.step, coders, frame), range(ROWS))
     else:
-        code_slab(rows, coder, model, frame.step, free=frame.free)
+        upper, lower = coders[:FRAME_PARTS], coders[FRAME_PARTS:]
+        code_frame(rows, Parts(model, frame.step, upper, frame), range(ROWS // 2))
+        code_frame(rows, Parts(model.lower, frame.step, lower, frame), range(ROWS // 2, ROWS))
 
 
 def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) -> bytes:
@@ -288,7 +295,8 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         return image
     if not data:
         raise TruncatedError("ranges end within their header", 0)
-    frame = frame._replace(quick=bool(data[0] & QUICK), free=bool(data[0] & FREE) and step > 1)
+    halves = bool(data[0] & HALVES) and frame.known is None
+    frame = frame._replace(quick=bool(data[0] & QUICK), free=bool(data[0] & FREE) and step > 1, halves=halves)
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))

@@ -117,6 +117,16 @@ class Model:
         self.quick = False  # of which kind the last image was, and so the leaves of all trees
         self.states: list[State] = []  # of the rows where the last slab ended, in cells of `step`
         self.step, self.free = 0, False
+        self.lower: Model | None = None  # of the lower half, after an image in halves
+
+    def divide(self, *, halves: bool) -> None:
+        """Before an image: the lower half gets models of its own, which begin as a copy of these, or has none."""
+        if not halves:
+            self.lower = None
+        elif self.lower is None:
+            self.lower = Model()
+            self.lower.cells = {context: list(slot) for context, slot in self.cells.items()}
+            self.lower.offsets, self.lower.quick = dict(self.offsets), self.quick
 
     def slot(self, context: tuple[int, ...]) -> list[int]:
         """16 cells: how often the context was seen, and the nodes of its tree."""

@@ -127,10 +127,10 @@ class Stage:
                 about.expected_above = self._rows.layout.above(self._foreseen, row - 1, row, self._rows.turn, 16)
 
 
-def code_frame(rows: Rows, coder: RowCoder) -> None:
-    """Code a whole frame in place, row after row."""
-    stage = Stage(rows, 0, coder)
-    for row in range(ROWS):
+def code_frame(rows: Rows, coder: RowCoder, which: range) -> None:
+    """Code rows of a whole frame in place, one after another."""
+    stage = Stage(rows, which.start, coder)
+    for row in which:
         coder.code(stage.begin(row))
         stage.end()
 

@@ -35,6 +35,7 @@ struct GivenFrame {
   std::uint32_t turn;
   const std::uint16_t* expected;
   lidarcodec::KnownColumns known;
+  bool halves = false;
 };
 
 // What one coder writes of a frame the other must read: within the bound, and of free ranges what was said to be sent.
@@ -46,7 +47,7 @@ inline void check_round_trip(const Ranges& image, const GivenFrame& given, bool 
   Ranges sent(image.size());
   const Bytes data =
       encoder.encode(image.data(), returns.data(), given.cells, given.geometry, given.turn, given.turn >> 9,
-                     given.expected, given.known, nullptr, quick, free ? sent.data() : nullptr);
+                     given.expected, given.known, nullptr, quick, free ? sent.data() : nullptr, given.halves);
   const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), given.cells, given.geometry,
                                      given.expected, given.known, before.data());
   for (std::size_t i = 0; i < image.size(); ++i) {

@@ -23,7 +23,7 @@ class Beside {
 #else
   Beside(Compute compute, bool pays)
       : result_(std::async(pays && std::thread::hardware_concurrency() > 1 ? std::launch::async | std::launch::deferred
-                                                                            : std::launch::deferred,
+                                                                           : std::launch::deferred,
                            std::move(compute))) {}
 #endif
 

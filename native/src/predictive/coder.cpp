@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "base/beside.hpp"
 #include "base/error.hpp"
 #include "mask/align.hpp"
 #include "mask/rows.hpp"
@@ -14,8 +15,13 @@ namespace {
 
 // The header: kind u8, turn u16, firing u8, the size of each stream but the last u32; of a slab also known u8.
 constexpr std::size_t kSizesAt = 4;  // offset of the sizes of streams
-std::size_t head_bytes(std::size_t parts, bool slab) { return kSizesAt + 4 * (parts - 1) + (slab ? 1 : 0); }
-std::size_t parts_of(bool slab) { return slab ? kSlabParts : kMostParts; }
+std::size_t streams_of(const RangeKind& kind) {
+  return kind.slab ? kSlabParts : kind.halves ? 2 * kMostParts : kMostParts;
+}
+std::size_t head_bytes(const RangeKind& kind) { return kSizesAt + 4 * (streams_of(kind) - 1) + (kind.slab ? 1 : 0); }
+
+constexpr RowSpan kUpperRows{0, kMaskRows / 2}, kLowerRows{kMaskRows / 2, kMaskRows};
+constexpr std::size_t kWorthAThread = 16'384;  // returns of a frame that take thirty times as long as to start a thread
 
 void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
   if (known < kWholeFrame || known > std::min<KnownColumns>(255, static_cast<KnownColumns>(geometry.width)))
@@ -55,7 +61,7 @@ KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return kWholeFrame;
   if (!RangeKind::is_known(data[0]) || !RangeKind::of(data[0]).slab)
     return kWholeFrame;  // `decode` refuses unknown kinds
-  const std::size_t head = head_bytes(kSlabParts, true);
+  const std::size_t head = head_bytes(RangeKind::of(data[0]));
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   return data[head - 1];
 }
@@ -66,6 +72,7 @@ PredictiveCoder::PredictiveCoder(const PredictiveCoder& other)
     : path_(other.path_),
       nets_(other.nets_),
       model_(other.model_),
+      lower_(other.lower_ == nullptr ? nullptr : std::make_unique<PredictiveModel>(*other.lower_)),
       slab_ends_(std::make_unique<SlabEnds>(*other.slab_ends_)) {}
 PredictiveCoder::~PredictiveCoder() = default;
 
@@ -101,14 +108,28 @@ void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
 
 void PredictiveCoder::reset() {
   model_.reset();
+  lower_.reset();
   *slab_ends_ = {};
+}
+
+template <class Code>
+void PredictiveCoder::code_halves(bool halves, bool at_once, const Code& code) {
+  if (!halves) {
+    lower_.reset();
+    return code(0, model_, {});
+  }
+  if (lower_ == nullptr) lower_ = std::make_unique<PredictiveModel>(model_);
+  Beside lower([&] { code(1, *lower_, kLowerRows); }, at_once);
+  code(0, model_, kUpperRows);
+  lower.get();
 }
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& whole, const MaskGeometry& geometry,
                                                   std::uint32_t turn, std::uint32_t firing,
                                                   const std::uint16_t* expected, KnownColumns known,
-                                                  RiddleSamples* samples, bool quick, std::uint16_t* sent) {
+                                                  RiddleSamples* samples, bool quick, std::uint16_t* sent,
+                                                  bool halves) {
   check(whole, geometry, known);
   RangeCells cells = whole;
   cells.free = sent != nullptr && cells.step > 1;
@@ -124,17 +145,22 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   const RiddleNet* const net = net_of(expected != nullptr);
   if (net == nullptr) samples = nullptr;
-  const RangeKind kind{expected != nullptr, known >= 0, net != nullptr, quick && net == nullptr, cells.free};
+  const RangeKind kind{expected != nullptr,     known >= 0, net != nullptr,
+                       quick && net == nullptr, cells.free, halves && known < 0};
   if (samples != nullptr) samples->inputs = inputs;
-  PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *slab_ends_, kind.slab, kind.quick},
-              {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts,
-              ranges);
-  const std::size_t count = parts_of(kind.slab);
-  std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
-  std::size_t size = head_bytes(count, kind.slab);
+  std::array<PredictiveParts<WideEncoder>, 2> parts;
+  const bool at_once = samples == nullptr && returned.returns >= kWorthAThread;  // samples are in the order of rows
+  code_halves(kind.halves, at_once, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
+    write_image({path_, model, {net, samples}, *slab_ends_, kind.slab, kind.quick},
+                {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent, rows},
+                parts[half], ranges);
+  });
+  const std::size_t count = streams_of(kind);
+  std::array<const std::vector<std::uint8_t>*, 2 * kMostParts> streams{};
+  std::size_t size = head_bytes(kind);
   for (std::size_t p = 0; p < count; ++p) {
-    streams[p] = &parts[p].coder.finish(parts[p].interval);
+    PredictivePart<WideEncoder>& part = parts[p / kMostParts][p % kMostParts];
+    streams[p] = &part.coder.finish(part.interval);
     size += streams[p]->size();
   }
   std::vector<std::uint8_t> out;
@@ -164,7 +190,6 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     return image;
   }
   const bool slab = known >= 0;
-  const std::size_t count = parts_of(slab);
   if (size < 1) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const RiddleNet* const net = net_of(expected != nullptr);
   const RangeKind kind = RangeKind::of(data[0]);
@@ -173,25 +198,31 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   if (!RangeKind::is_known(data[0]) || kind.expected != (expected != nullptr) || kind.slab != slab ||
       kind.network != (net != nullptr) || (kind.free && cells.step == 1))
     throw Error(ErrorCode::Section, "ranges of an unknown kind");
-  const std::size_t head = head_bytes(count, slab);
+  const std::size_t count = streams_of(kind), head = head_bytes(kind);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
   const std::uint32_t firing = data[3];
   if (firing >= kFirings) throw Error(ErrorCode::Section, "the count of firings goes beyond its period");
   if (slab && data[head - 1] != past)
     throw Error(ErrorCode::Section, "this part of a turn follows columns that were not decoded");
-  PredictiveParts<WideDecoder> parts;
+  std::array<PredictiveParts<WideDecoder>, 2> parts;
+  const auto part = [&](std::size_t p) -> PredictivePart<WideDecoder>& {
+    return parts[p / kMostParts][p % kMostParts];
+  };
   for (std::size_t p = 0, at = head; p < count; ++p) {
     const std::size_t rest = size - at, bytes = p + 1 < count ? take(data + kSizesAt + 4 * p, 4) : rest;
     if (bytes > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
-    parts[p] = PredictivePart<WideDecoder>{WideDecoder(data + at, bytes)};
-    parts[p].interval = parts[p].coder.start();
+    part(p) = PredictivePart<WideDecoder>{WideDecoder(data + at, bytes)};
+    part(p).interval = part(p).coder.start();
     at += bytes;
   }
-  read_image({path_, model_, {net, nullptr}, *slab_ends_, slab, kind.quick},
-             {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts,
-             image.data());
-  for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
+  const bool at_once = returned.returns >= kWorthAThread;
+  code_halves(kind.halves, at_once, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
+    read_image({path_, model, {net, nullptr}, *slab_ends_, slab, kind.quick},
+               {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), nullptr, rows},
+               parts[half], image.data());
+  });
+  for (std::size_t p = 0; p < count; ++p) part(p).coder.finish(part(p).interval);
   return image;
 }
 

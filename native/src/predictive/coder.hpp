@@ -2,7 +2,8 @@
 // folder derives the models, docs/wire-format-predictive.md defines the format.
 //
 // Rows are coded from the top. The four quarters of a row are interleaved: each has its own range coder, all share the
-// models. A core then works on one quarter while another waits for its decision.
+// models. A core then works on one quarter while another waits for its decision. A frame that goes on from another can
+// be coded in two halves, rows 0 to 31 and 32 to 63, each with models of its own, so that two cores work on it.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -77,11 +78,13 @@ class PredictiveCoder {
   // samples: with a network, receives some of the returns.
   // quick: without a network, uses fewer contexts: less time, a few more bits.
   // sent: (64, W), receives the ranges as they are decoded; ranges are then free to be the cheapest within half a step.
-  // nullptr: ranges are rounded. Raises Section if a cell is set in a block that did not fire, or has no range.
+  // nullptr: ranges are rounded. halves: of a whole frame, code it in halves. Raises Section if a cell is set in a
+  // block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                                    const MaskGeometry& geometry, std::uint32_t turn, std::uint32_t firing,
                                    const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
-                                   RiddleSamples* samples = nullptr, bool quick = false, std::uint16_t* sent = nullptr);
+                                   RiddleSamples* samples = nullptr, bool quick = false, std::uint16_t* sent = nullptr,
+                                   bool halves = false);
 
   // Replaces the networks; the models stay. Raises Section if there were no networks or nets is nullptr, but not both.
   void change(std::shared_ptr<const RiddleNets> nets);
@@ -104,10 +107,16 @@ class PredictiveCoder {
   // one is there.
   const RiddleNet* net_of(bool expects) const;
 
+  // Codes a frame, or each of its halves, by code(half, model, rows). The models of the lower half begin as a copy of
+  // `model_`. at_once: on two cores.
+  template <class Code>
+  void code_halves(bool halves, bool at_once, const Code& code);
+
   Path path_;
   std::shared_ptr<const RiddleNets> nets_;
-  PredictiveModel model_;
-  std::unique_ptr<SlabEnds> slab_ends_;  // the rows at the end of the last slab
+  PredictiveModel model_;                   // of all rows, or of the upper half
+  std::unique_ptr<PredictiveModel> lower_;  // of the lower half, after a frame in halves
+  std::unique_ptr<SlabEnds> slab_ends_;     // the rows at the end of the last slab
 };
 
 }  // namespace lidarcodec

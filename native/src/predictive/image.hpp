@@ -58,7 +58,7 @@ struct ImageCoding {
   bool quick;  // fewer contexts, and leaves of its own; never with a network
 };
 
-// Encode or decode the returns of an image of ranges, (64, W): a whole frame or a slab.
+// Encode or decode the returns of an image of ranges, (64, W): rows of a whole frame, or a slab.
 void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts,
                  const std::uint16_t* image);
 void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts,

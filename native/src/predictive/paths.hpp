@@ -10,14 +10,14 @@
 
 namespace lidarcodec {
 
-// Codes all rows of an image, (64, W). Reads or writes only its returns.
+// Codes rows of an image, (64, W). Reads or writes only their returns.
 template <class Forms, bool kExpects, bool kNetwork, class Coder, class Image>
 void code_rows(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image) {
   using Rows = PredictiveRows<Coder, Forms, kExpects, kNetwork>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
   Rows coder(on.model, on.network, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
-  RowStage<Rows::kReads, kExpects, kNetwork> stage(source, 0, coder.start(), coder.first());
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
+  RowStage<Rows::kReads, kExpects, kNetwork> stage(source, source.rows.first, coder.start(), coder.first());
+  for (std::size_t row = source.rows.first; row < source.rows.end; ++row) {
     coder.code(stage.begin(row, image));
     stage.end(image);
   }

@@ -12,6 +12,11 @@
 
 namespace lidarcodec {
 
+// Rows of an image, the last one left out.
+struct RowSpan {
+  std::size_t first = 0, end = kMaskRows;
+};
+
 // An image: its mask, and W columns, of which the first `past` are known.
 struct RowSource {
   const MaskLayout& layout;
@@ -22,6 +27,7 @@ struct RowSource {
   std::uint32_t turn;
   std::uint32_t firing;           // of column 0, modulo kFirings
   std::uint16_t* sent = nullptr;  // (64, W), receives the ranges as a decoder gets them; or nullptr
+  RowSpan rows = {};              // of a whole frame: which of them are coded; a slab has all
 };
 
 // Ranges and differences of a row, in sixteenths of a cell, with values for cells that are no returns.

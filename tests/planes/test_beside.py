@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from lidarcodec.beside import beside, processors
+from lidarcodec.planes.beside import beside, processors
 
 
 def _names() -> list[str]:
@@ -17,7 +17,7 @@ def test_the_block_and_the_computation_run_at_the_same_time() -> None:
     if processors() < 2:
         pytest.skip("one processor: nothing runs at the same time")
     met = threading.Barrier(2, timeout=10)
-    with beside(lambda: met.wait(), pays=True) as result:
+    with beside(met.wait, pays=True) as result:
         met.wait()
         assert result() in (0, 1)
 
@@ -35,9 +35,14 @@ def test_an_error_of_the_computation_reaches_the_caller(pays: bool) -> None:
 
 def test_an_error_in_the_block_leaves_no_thread() -> None:
     go_on = threading.Event()
-    with pytest.raises(ValueError, match="the block"), beside(lambda: go_on.wait(10), pays=True):
-        go_on.set()
-        raise ValueError("the block")
+
+    def fail() -> None:
+        with beside(lambda: go_on.wait(10), pays=True):
+            go_on.set()
+            raise ValueError("the block")
+
+    with pytest.raises(ValueError, match="the block"):
+        fail()
     assert "lidarcodec beside" not in _names()
 
 
