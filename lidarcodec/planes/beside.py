@@ -1,6 +1,7 @@
 """Two things at once: a computation in a thread of its own, beside what its caller does meanwhile.
 
-For native code that releases the interpreter's lock, and takes much longer than a thread takes to start (0.1 ms).
+For native code that releases the interpreter's lock, and takes much longer than a thread takes to start (0.1 ms). This
+is the only place below the sources that starts threads, and none outlives its call.
 
 >>> with beside(lambda: sum(range(10)), pays=True) as result:
 ...     other = max(range(10))
@@ -11,31 +12,32 @@ For native code that releases the interpreter's lock, and takes much longer than
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Final, TypeVar
 
 T = TypeVar("T")
+
+THREAD: Final = "lidarcodec beside"
 
 
 @contextmanager
 def beside(compute: Callable[[], T], *, pays: bool) -> Iterator[Callable[[], T]]:
     """Compute while the block runs; the call that it is given waits for the result, or raises what `compute` raised.
 
-    pays: whether it takes long enough for a thread. Without that, or with one processor, the call itself computes. The
-    block ends when the thread has.
+    pays: whether it takes long enough for a thread. Without that, with one processor, or where no thread can be
+    started, the call itself computes. The block ends when the thread has.
     """
-    future: Future[T] = Future()
-    thread = threading.Thread(target=_into, args=(future, compute), name="lidarcodec beside", daemon=True)
-    if not (pays and processors() > 1 and _started(thread)):
+    if not pays or processors() < 2:
         yield compute
         return
-    try:
-        yield future.result
-    finally:
-        thread.join()
+    with ThreadPoolExecutor(1, THREAD) as pool:
+        try:
+            result: Callable[[], T] = pool.submit(compute).result
+        except RuntimeError:  # no thread can be started
+            result = compute
+        yield result
 
 
 def processors() -> int:
@@ -43,18 +45,3 @@ def processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _started(thread: threading.Thread) -> bool:
-    try:
-        thread.start()
-    except RuntimeError:  # no more threads can be started here
-        return False
-    return True
-
-
-def _into(future: Future[T], compute: Callable[[], T]) -> None:
-    try:
-        future.set_result(compute())
-    except BaseException as error:
-        future.set_exception(error)

@@ -6,11 +6,7 @@ import threading
 
 import pytest
 
-from lidarcodec.planes.beside import beside, processors
-
-
-def _names() -> list[str]:
-    return [thread.name for thread in threading.enumerate()]
+from lidarcodec.planes.beside import THREAD, beside, processors
 
 
 def test_the_block_and_the_computation_run_at_the_same_time() -> None:
@@ -43,7 +39,7 @@ def test_an_error_in_the_block_leaves_no_thread() -> None:
 
     with pytest.raises(ValueError, match="the block"):
         fail()
-    assert "lidarcodec beside" not in _names()
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith(THREAD)]
 
 
 def test_where_no_thread_can_be_started_the_caller_computes(monkeypatch: pytest.MonkeyPatch) -> None:
