@@ -80,10 +80,11 @@ class PredictiveCoder:
     A decoder has to see the same frames as the encoder since the last `reset`. After an error only `reset` helps.
     path: how it computes, one of `coding_paths`; by default the quickest. Bytes do not depend on it.
     nets: networks that say what is likely to begin with, as codec `riddle` has them; a decoder needs the same
+    at_once: whether two threads code halves; None: if they are large and a processor is free
     """
 
-    def __init__(self, path: str = "", nets: NativeNets | None = None) -> None:
-        self._native = _native.PredictiveCoder(path, None if nets is None else nets.native)
+    def __init__(self, path: str = "", nets: NativeNets | None = None, at_once: bool | None = None) -> None:
+        self._native = _native.PredictiveCoder(path, None if nets is None else nets.native, at_once)
 
     def copy(self) -> PredictiveCoder:
         """Another one, which goes on from the same state."""

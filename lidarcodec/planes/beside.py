@@ -11,7 +11,6 @@ is the only place below the sources that starts threads, and none outlives its c
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -26,10 +25,10 @@ THREAD: Final = "lidarcodec beside"
 def beside(compute: Callable[[], T], *, pays: bool) -> Iterator[Callable[[], T]]:
     """Compute while the block runs; the call that it is given waits for the result, or raises what `compute` raised.
 
-    pays: whether it takes long enough for a thread. Without that, with one processor, or where no thread can be
-    started, the call itself computes. The block ends when the thread has.
+    pays: whether it takes long enough for a thread, and a processor is free (`has_free_processor`). Without that, or
+    where no thread can be started, the call itself computes. The block ends when the thread has.
     """
-    if not pays or processors() < 2:
+    if not pays:
         yield compute
         return
     with ThreadPoolExecutor(1, THREAD) as pool:
@@ -38,10 +37,3 @@ def beside(compute: Callable[[], T], *, pays: bool) -> Iterator[Callable[[], T]]
         except RuntimeError:  # no thread can be started
             result = compute
         yield result
-
-
-def processors() -> int:
-    """How many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import entropy
+from lidarcodec._native import has_free_processor
 from lidarcodec.entropy import IntensityMemory
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -81,7 +82,7 @@ def planes_beside(
     coded = lambda: encode_intensity(  # noqa: E731
         frame, cells, quality, turn=turn, grouped=grouped_intensity, memory=memory
     )
-    with beside(coded, pays=frame.points >= WORTH_A_THREAD) as intensity:
+    with beside(coded, pays=frame.points >= WORTH_A_THREAD and has_free_processor()) as intensity:
         first = [
             Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
             _mask_section(frame, previous, turn, encode_mask),

@@ -1,4 +1,7 @@
+#include <nanobind/stl/optional.h>
+
 #include <memory>
+#include <optional>
 
 #include "base/error.hpp"
 #include "bindings.hpp"
@@ -51,6 +54,8 @@ void bind_predictive(nb::module_& m) {
         return names;
       },
       "The paths that this processor can run, the fastest last.");
+  m.def("has_free_processor", &lidarcodec::has_free_processor,
+        "Whether one more thread would find a processor that is free, or nearly.");
   m.def(
       "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); },
       nb::arg("data"),
@@ -58,12 +63,14 @@ void bind_predictive(nb::module_& m) {
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
       .def(
           "__init__",
-          [](PredictiveCoder* coder, const char* path, nb::handle nets) {
-            new (coder)
-                PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), shared(nets));
+          [](PredictiveCoder* coder, const char* path, nb::handle nets, std::optional<bool> at_once) {
+            new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path),
+                                        shared(nets), at_once);
           },
-          nb::arg("path") = "", nb::arg("nets").none() = nb::none(),
-          "path: one of `coding_paths`, by default the fastest; all give the same bytes. nets: RiddleNets, or None.")
+          nb::arg("path") = "", nb::arg("nets").none() = nb::none(), nb::arg("at_once").none() = nb::none(),
+          "path: one of `coding_paths`, by default the fastest. nets: RiddleNets, or None. at_once: whether two "
+          "threads "
+          "code halves; None: if they are large and a processor is free. Bytes depend on neither path nor at_once.")
       .def(
           "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); }, nb::arg("nets"),
           "Replaces the networks; the state of the contexts stays.")

@@ -11,8 +11,8 @@ namespace {
 
 // What a coder that has seen a frame before writes and reads, whatever the processors of both can do.
 void check_two_frames(const Ranges& image, GivenFrame given, bool learned, std::uint32_t ways) {
-  PredictiveCoder encoder(path_of(ways), nets_of(learned, ways / 64 % 16 == 0));
-  PredictiveCoder decoder(path_of(ways >> 5), nets_of(learned, ways / 2048 % 16 == 0));
+  PredictiveCoder encoder(path_of(ways), nets_of(learned, ways / 64 % 16 == 0), ways % 2 == 0);
+  PredictiveCoder decoder(path_of(ways >> 5), nets_of(learned, ways / 2048 % 16 == 0), ways % 32 == 0);
   for (std::uint32_t frame = 0; frame < 2; ++frame) {
     check_round_trip(image, given, ways / 16384 % 4 > frame, (ways >> 12 & 1u) == frame, encoder, decoder);
     given.cells.step = (5 * given.cells.step + 2) % 65536 | 1u;  // another odd one
@@ -59,7 +59,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (slab) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
-    PredictiveCoder coder(path_of(ways >> 3), nets_of(learned, ways / 512 % 16 == 0));
+    PredictiveCoder coder(path_of(ways >> 3), nets_of(learned, ways / 512 % 16 == 0), ways % 64 == 0);
     Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, known);

@@ -6,12 +6,10 @@ import threading
 
 import pytest
 
-from lidarcodec.planes.beside import THREAD, beside, processors
+from lidarcodec.planes.beside import THREAD, beside
 
 
 def test_the_block_and_the_computation_run_at_the_same_time() -> None:
-    if processors() < 2:
-        pytest.skip("one processor: nothing runs at the same time")
     met = threading.Barrier(2, timeout=10)
     with beside(met.wait, pays=True) as result:
         met.wait()

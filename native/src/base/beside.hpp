@@ -6,7 +6,6 @@
 
 #if !defined(__wasm__)
 #include <future>
-#include <thread>
 #endif
 
 namespace lidarcodec {
@@ -16,14 +15,13 @@ class Beside {
   using Result = std::invoke_result_t<Compute>;
 
  public:
-  // Begins to compute. pays: whether it takes much longer than a thread takes to start, a twentieth of a millisecond.
-  // Without that, with one processor, or where no thread can be started, `get` computes.
+  // Begins to compute. pays: whether it takes much longer than a thread takes to start, a twentieth of a millisecond,
+  // and a processor is free (base/processor.hpp). Without that, or where no thread can be started, `get` computes.
 #if defined(__wasm__)
   Beside(Compute compute, bool) : compute_(std::move(compute)) {}
 #else
   Beside(Compute compute, bool pays)
-      : result_(std::async(pays && std::thread::hardware_concurrency() > 1 ? std::launch::async | std::launch::deferred
-                                                                           : std::launch::deferred,
+      : result_(std::async(pays ? std::launch::async | std::launch::deferred : std::launch::deferred,
                            std::move(compute))) {}
 #endif
 

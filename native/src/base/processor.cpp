@@ -4,6 +4,12 @@
 #include <cpuid.h>
 #endif
 
+#include <cstdio>
+#include <memory>
+#if !defined(__wasm__)
+#include <thread>
+#endif
+
 #include "base/error.hpp"
 
 namespace lidarcodec {
@@ -20,7 +26,28 @@ bool has_avx2() {
 }
 #endif
 
+#if defined(__linux__)
+// How many threads of all programs run or want to; 0 if that is not known. proc(5): "1.27 1.30 1.11 2/345 6789", the
+// number before the slash.
+unsigned runnable_threads() {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen("/proc/loadavg", "re"), &std::fclose);
+  unsigned runnable = 0;
+  return file != nullptr && std::fscanf(file.get(), "%*s %*s %*s %u/", &runnable) == 1 ? runnable : 0;
+}
+#elif !defined(__wasm__)
+unsigned runnable_threads() { return 0; }
+#endif
+
 }  // namespace
+
+bool has_free_processor() {
+#if defined(__wasm__)
+  return false;
+#else
+  const unsigned processors = std::thread::hardware_concurrency();
+  return processors > 1 && runnable_threads() <= processors;
+#endif
+}
 
 std::vector<Path> paths_here() {
   std::vector<Path> paths = {Path::Plain};

@@ -25,4 +25,8 @@ const char* name_of(Path path);
 // The path of a name. Raises Settings if this processor cannot run it.
 Path path_named(const std::string& name);
 
+// Whether one more thread would find a processor that is free, or nearly: at present no more threads want to run on
+// this machine than there are processors for this process. Where that is not known, whether there are two.
+bool has_free_processor();
+
 }  // namespace lidarcodec

@@ -66,11 +66,16 @@ KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   return data[head - 1];
 }
 
-PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets)
-    : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), slab_ends_(std::make_unique<SlabEnds>()) {}
+PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets, std::optional<bool> at_once)
+    : path_(path),
+      nets_(std::move(nets)),
+      at_once_(at_once),
+      model_(nets_ != nullptr),
+      slab_ends_(std::make_unique<SlabEnds>()) {}
 PredictiveCoder::PredictiveCoder(const PredictiveCoder& other)
     : path_(other.path_),
       nets_(other.nets_),
+      at_once_(other.at_once_),
       model_(other.model_),
       lower_(other.lower_ == nullptr ? nullptr : std::make_unique<PredictiveModel>(*other.lower_)),
       slab_ends_(std::make_unique<SlabEnds>(*other.slab_ends_)) {}
@@ -112,6 +117,10 @@ void PredictiveCoder::reset() {
   *slab_ends_ = {};
 }
 
+bool PredictiveCoder::at_once(std::size_t returns) const {
+  return at_once_ ? *at_once_ : returns >= kWorthAThread && has_free_processor();
+}
+
 template <class Code>
 void PredictiveCoder::code_halves(bool halves, bool at_once, const Code& code) {
   if (!halves) {
@@ -149,8 +158,8 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
                        quick && net == nullptr, cells.free, halves && known < 0};
   if (samples != nullptr) samples->inputs = inputs;
   std::array<PredictiveParts<WideEncoder>, 2> parts;
-  const bool at_once = samples == nullptr && returned.returns >= kWorthAThread;  // samples are in the order of rows
-  code_halves(kind.halves, at_once, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
+  const bool apart = samples == nullptr && at_once(returned.returns);  // samples are taken in the order of rows
+  code_halves(kind.halves, apart, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
     write_image({path_, model, {net, samples}, *slab_ends_, kind.slab, kind.quick},
                 {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent, rows},
                 parts[half], ranges);
@@ -216,12 +225,12 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     part(p).interval = part(p).coder.start();
     at += bytes;
   }
-  const bool at_once = returned.returns >= kWorthAThread;
-  code_halves(kind.halves, at_once, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
-    read_image({path_, model, {net, nullptr}, *slab_ends_, slab, kind.quick},
-               {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), nullptr, rows},
-               parts[half], image.data());
-  });
+  code_halves(
+      kind.halves, at_once(returned.returns), [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
+        read_image({path_, model, {net, nullptr}, *slab_ends_, slab, kind.quick},
+                   {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), nullptr, rows},
+                   parts[half], image.data());
+      });
   for (std::size_t p = 0; p < count; ++p) part(p).coder.finish(part(p).interval);
   return image;
 }

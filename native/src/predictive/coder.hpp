@@ -60,8 +60,10 @@ struct RiddleNets {
 // The models go on from frame to frame until `reset`. After an error only `reset` may be called.
 class PredictiveCoder {
  public:
-  // path: which instructions it uses; all paths give the same bytes. nets: the networks, or nullptr.
-  explicit PredictiveCoder(Path path = quickest_path(), std::shared_ptr<const RiddleNets> nets = nullptr);
+  // path: which instructions it uses; all paths give the same bytes. nets: the networks, or nullptr. at_once: whether
+  // halves are coded by two threads; without it, if they are large and a processor is free. Bytes do not depend on it.
+  explicit PredictiveCoder(Path path = quickest_path(), std::shared_ptr<const RiddleNets> nets = nullptr,
+                           std::optional<bool> at_once = std::nullopt);
   // Copies go on from the same models, each by itself.
   PredictiveCoder(const PredictiveCoder& other);
   PredictiveCoder& operator=(const PredictiveCoder&) = delete;
@@ -108,12 +110,14 @@ class PredictiveCoder {
   const RiddleNet* net_of(bool expects) const;
 
   // Codes a frame, or each of its halves, by code(half, model, rows). The models of the lower half begin as a copy of
-  // `model_`. at_once: on two cores.
+  // `model_`. at_once: by two threads.
   template <class Code>
   void code_halves(bool halves, bool at_once, const Code& code);
+  bool at_once(std::size_t returns) const;
 
   Path path_;
   std::shared_ptr<const RiddleNets> nets_;
+  std::optional<bool> at_once_;
   PredictiveModel model_;                   // of all rows, or of the upper half
   std::unique_ptr<PredictiveModel> lower_;  // of the lower half, after a frame in halves
   std::unique_ptr<SlabEnds> slab_ends_;     // the rows at the end of the last slab

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/beside.hpp"
+#include "base/processor.hpp"
 #include "base/sha256.hpp"
 #include "planes/azimuth_coder.hpp"
 #include "planes/keep_coder.hpp"
@@ -210,8 +211,9 @@ Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   decode_mask_of(message, sensor, planes);
   const IntensitySection section(message);
   IntensityMemory& memory = now_.intensities ? *now_.intensities : intensities_;
-  Beside intensities([&] { return decode_modelled(section, sensor, planes, memory); },
-                     expects_ranges(message.codec) && section.of_returns.size() >= kWorthAThread);
+  const bool apart =
+      expects_ranges(message.codec) && section.of_returns.size() >= kWorthAThread && has_free_processor();
+  Beside intensities([&] { return decode_modelled(section, sensor, planes, memory); }, apart);
   check_side(message);
   decode_pose(message);
   if (expects_ranges(message.codec))
