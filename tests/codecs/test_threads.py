@@ -36,7 +36,7 @@ def calls() -> dict[str, Callable[[], object]]:
     azimuth = np.tile(np.arange(WIDTH, dtype=np.uint16) * 17, (2, 1))
     about, cells = frame_geometry(fired, SENSOR), returns.view(np.uint8)
     coder, nothing, seen = _native.PredictiveCoder(), np.zeros((64, 0), np.uint16), guess(ranges)
-    rest = (-1, None, False, nothing)
+    rest, in_halves = (-1, None, False, nothing, False), (-1, None, False, nothing, True)
     data = coder.encode(ranges, cells, 1, LEVELS, *about, 2000, 0, nothing, *rest)
     history = RangeHistory()
     history.remember(ranges, azimuth, fired, SENSOR)
@@ -50,6 +50,9 @@ def calls() -> dict[str, Callable[[], object]]:
 
     return {
         "ranges are encoded": lambda: coder.encode(ranges, cells, 1, LEVELS, *about, 2000, 0, seen, *rest),
+        "ranges are encoded in halves": lambda: coder.encode(
+            ranges, cells, 1, LEVELS, *about, 2000, 0, seen, *in_halves
+        ),
         "ranges are decoded": decode,
         "a mask is encoded": lambda: _native.encode_mask(cells, *about, no_mask, 2000),
         "a mask is decoded": lambda: _native.decode_mask(masked, *about, no_mask),

@@ -149,13 +149,14 @@ def levels(rng: np.random.Generator) -> Iterator[bytes]:
 
 
 class Coded(NamedTuple):
-    """How ranges are coded: their step, whether something is expected, quickly, freely, and as a slab."""
+    """How ranges are coded: their step, whether something is expected, quickly, freely, as a slab, and in halves."""
 
     step: int
     expects: bool = False
     quick: bool = False
     free: bool = False
     slab: bool = False
+    halves: bool = False
 
 
 _CODED = (
@@ -163,9 +164,12 @@ _CODED = (
     Coded(1, expects=True),
     Coded(63, quick=True),
     Coded(63, expects=True, free=True),
+    Coded(63, expects=True, free=True, halves=True),
+    Coded(1, quick=True, halves=True),
     Coded(5, quick=True, free=True, slab=True),
 )
 _FREE = tuple(Coded(step, bool(n & 1), bool(n & 2), True, bool(n & 4)) for step in (3, 63) for n in range(8))
+_FREE += tuple(Coded(63, bool(n & 1), bool(n & 2), free=True, halves=True) for n in range(4))
 _EXPECTS, _SLAB, _MIXED = 16, 64, 4
 
 
@@ -191,8 +195,8 @@ def _section(of: Geometry, returns: Mask, image: npt.NDArray[np.int64], how: Cod
     expected = guesses if how.expects else np.zeros((LASERS, 0), np.uint16)
     sent = np.zeros_like(coded) if how.free else np.zeros((LASERS, 0), np.uint16)
     past = known if how.slab else _WHOLE
-    given = (coded, returns.view(np.uint8), how.step, level, *of.given, 0, 0, expected, past, None, how.quick, sent)
-    return _native.PredictiveCoder().encode(*given)
+    given = (coded, returns.view(np.uint8), how.step, level, *of.given, 0, 0, expected, past, None)
+    return _native.PredictiveCoder().encode(*given, how.quick, sent, how.halves)
 
 
 def ranges(rng: np.random.Generator) -> Iterator[bytes]:
@@ -230,7 +234,7 @@ def free_ranges(rng: np.random.Generator) -> Iterator[bytes]:
                     0,
                     turned,
                     kind,
-                    4 * known + whole_section,
+                    4 * (known or how.halves) + whole_section,
                     0,
                     0,
                     how.step // 2 - 1,

@@ -30,8 +30,8 @@ class Benched(TypedDict):
     kb_per_frame: Annotated[float, "kilobytes of a frame"]
     packets_identical: Annotated[bool | None, "whether the packets come back byte for byte"]
     calibration: Annotated[dict[str, str], "its `origin` and its `hash`"]
-    encode_ms: Annotated[dict[str, float], "time to encode a frame: mean, p50, p99"]
-    decode_ms: Annotated[dict[str, float], "time to decode a frame: mean, p50, p99"]
+    encode_ms: Annotated[dict[str, float], "time to encode a frame, on the cores that are free: mean, p50, p99"]
+    decode_ms: Annotated[dict[str, float], "time to decode a frame, the same"]
     version: Annotated[str, "version of this package"]
 
 
