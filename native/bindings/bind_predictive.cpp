@@ -69,8 +69,7 @@ void bind_predictive(nb::module_& m) {
           },
           nb::arg("path") = "", nb::arg("nets").none() = nb::none(), nb::arg("at_once").none() = nb::none(),
           "path: one of `coding_paths`, by default the fastest. nets: RiddleNets, or None. at_once: whether two "
-          "threads "
-          "code halves; None: if they are large and a processor is free. Bytes depend on neither path nor at_once.")
+          "threads code halves; None: if it pays. Bytes depend on neither path nor at_once.")
       .def(
           "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); }, nb::arg("nets"),
           "Replaces the networks; the state of the contexts stays.")

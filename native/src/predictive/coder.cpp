@@ -158,7 +158,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
                        quick && net == nullptr, cells.free, halves && known < 0};
   if (samples != nullptr) samples->inputs = inputs;
   std::array<PredictiveParts<WideEncoder>, 2> parts;
-  const bool apart = samples == nullptr && at_once(returned.returns);  // samples are taken in the order of rows
+  const bool apart = kind.halves && samples == nullptr && at_once(returned.returns);  // samples come in order of rows
   code_halves(kind.halves, apart, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
     write_image({path_, model, {net, samples}, *slab_ends_, kind.slab, kind.quick},
                 {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent, rows},
@@ -225,12 +225,12 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     part(p).interval = part(p).coder.start();
     at += bytes;
   }
-  code_halves(
-      kind.halves, at_once(returned.returns), [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
-        read_image({path_, model, {net, nullptr}, *slab_ends_, slab, kind.quick},
-                   {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), nullptr, rows},
-                   parts[half], image.data());
-      });
+  const bool apart = kind.halves && at_once(returned.returns);
+  code_halves(kind.halves, apart, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
+    read_image({path_, model, {net, nullptr}, *slab_ends_, slab, kind.quick},
+               {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), nullptr, rows},
+               parts[half], image.data());
+  });
   for (std::size_t p = 0; p < count; ++p) part(p).coder.finish(part(p).interval);
   return image;
 }
