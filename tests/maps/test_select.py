@@ -133,6 +133,31 @@ def test_information_keeps_points_of_a_wall_before_those_of_a_hedge_that_as_many
     assert np.count_nonzero(made.steps[:, 1] > 270) < 0.5 * np.count_nonzero(made.steps[:, 1] < -290)
 
 
+def test_information_keeps_what_most_scans_hit_and_the_flattest_of_what_faces_along_the_path():
+    """A scan that starts metres behind is held back by flat points beside it; flat ones across the path pull it on."""
+    hits = {tuple(step): count for step, count in zip(TOWN.steps.tolist(), TOWN.columns["count"].tolist(), strict=True)}
+    made, _ = compressed(TOWN, "information", 600)
+    assert np.mean([hits[tuple(step)] for step in made.steps.tolist()]) > 100
+
+    random = np.random.default_rng(4)
+    board = np.stack([np.full(400, 1550), random.integers(0, 100, 400), random.integers(100, 200, 400)], axis=1)
+    rough = board[:, 1] > 50
+    board[rough, 0] += random.integers(-25, 25, np.count_nonzero(rough))
+    columns = {"normal_a": 31, "normal_b": 31, "count": np.where(rough, 30, 20), "first": 10, "last": 50}
+    town = replace(
+        TOWN,
+        steps=np.concatenate([TOWN.steps, board]),
+        columns={
+            name: np.append(column, np.broadcast_to(columns[name], 400).astype(np.uint16))
+            for name, column in TOWN.columns.items()
+        },
+    )
+    made, _ = compressed(town, "information", 600)
+    kept = made.steps[made.normals[:, 0] > 0.9]
+    assert len(kept) > 10
+    assert np.mean(kept[:, 0] == 1550) > 0.9
+
+
 def test_information_needs_normals():
     with pytest.raises(SettingsError, match="normals"):
         compressed(TOWN.with_columns("count", "first", "last"), "information", 500)

@@ -128,7 +128,7 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, information (best in towns), random, voxel (means of larger cells), paper or lp (integer "
+            help="greedy, information (smallest errors), random, voxel (means of larger cells), paper or lp (integer "
             "programmes, extra `maps`), or learned (a network).",
         ),
     ] = "greedy",

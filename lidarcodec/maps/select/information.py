@@ -13,7 +13,11 @@ evenly among the places that see the group. With at most K points each group get
 its leverage, which is the slope of sum_p log det I_p. It adds up to six at each place, so that no place gets less than
 another, and no direction of motion or rotation less than another. Zhao and Vela choose features for visual SLAM by the
 determinant ("Good feature matching: toward accurate, robust VO/VSLAM with low latency", 2020). Cubes and directions are
-those of `greedy`. In each group points are kept that lie in a plane with their surroundings, and that many scans hit.
+those of `greedy`.
+
+Of a group that faces along the path, points are kept that lie in a plane with their surroundings: there are few such
+things on a road, and they alone say how far along it a scan is. Of all others, points that most scans hit: flat ones
+hold a scan where it is, so that one that starts metres behind does not come all the way (research/notes).
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.rigid import Matrix
@@ -32,6 +37,8 @@ from lidarcodec.maps.select.result import Selection, check_seen
 GRAIN_M: Final = 0.02
 SELDOM_M: Final = 0.1
 """A point that few scans hit counts as further from its plane: by this, divided by the hits beyond three."""
+ALONG: Final = 0.5
+"""Least mean |cosine| between normals and the path of a group that faces along it."""
 PLACES: Final = 2
 """Every second place of the path is looked at, which is about one in two metres."""
 LEVER_M: Final = 10.0
@@ -51,7 +58,26 @@ def information(points: MapPoints, count: int, seed: int) -> Selection:
     group, _ = groups_of(points)
     worth, off = worth_of(points), off_planes(points)
     weights = np.maximum(_leverage(points, normals, group, worth / (off + GRAIN_M) ** 2), _LEAST)
-    return Selection(points.taken(foremost(group, weights, off + SELDOM_M / np.maximum(worth, 0.5), count)), {})
+    flat, hits = off + SELDOM_M / np.maximum(worth, 0.5), points.columns["count"].astype(np.float64)
+    key = np.where(_along(points, normals, group)[group], flat, -hits)
+    return Selection(points.taken(foremost(group, weights, key, count)), {})
+
+
+def _along(points: MapPoints, normals: Matrix, group: Ints) -> npt.NDArray[np.bool_]:
+    """(G,) whether a group faces along the path where that is nearest."""
+    import small_gicp
+
+    size, middle = np.bincount(group), points.path.mean(axis=0, dtype=np.float64)
+    path = np.ascontiguousarray(points.path - middle)
+    if len(path) < 2:
+        return np.zeros(len(size), np.bool_)
+    ways = np.gradient(path, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _LEAST)
+    groups = np.stack([np.bincount(group, values) / size for values in (points.xyz - middle).T], axis=1)
+    places = np.asarray(small_gicp.KdTree(path).batch_knn_search(groups, 1)[0])[:, 0].astype(np.int64)
+    facing = np.abs(np.einsum("ij,ij->i", normals, ways[places][group]))
+    found: npt.NDArray[np.bool_] = np.bincount(group, facing) / size > ALONG
+    return found
 
 
 def _leverage(points: MapPoints, normals: Matrix, group: Ints, worth: Floats) -> Floats:
