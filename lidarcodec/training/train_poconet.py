@@ -50,7 +50,7 @@ from lidarcodec.training.score_metrics import Agreement
 
 SAVE_SECONDS: Final = 120.0
 MEASURE_SECONDS: Final = 600.0
-VALIDATED: Final = 4
+VALIDATED: Final = 12
 """Labelled frames of a drive for the learning curve."""
 LOW, HIGH, GROUND = range(CLASSES)
 
@@ -102,7 +102,7 @@ def train_poconet(
     tick(step, label loss, codeword loss): called after each step;  every: use every so many labelled frames
     seconds: stop with a checkpoint after this time
     validate: drives to measure on every `measure_seconds` and at the end, with VALIDATED frames of each. The network
-    with the best mean precision on them is kept beside the checkpoint (`best_of`) and returned.
+    with the best mean precision on these frames is kept beside the checkpoint (`best_of`) and returned.
     The learning curve is written to `curve_of`.
     Raises SettingsError, SourceError.
     """
@@ -183,7 +183,7 @@ class _Course:
         row |= {"seconds": state.seconds, "processor": self.clock.processor}
         state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
         self._log.append(row)
-        if measure and _precision(row) >= max(map(_precision, self._log)):
+        if measure and _precision(row) >= max(_precision(other) for other in self._log if _on(other) == _on(row)):
             save_checkpoint(best_of(self._out), state)
         save_checkpoint(self._out, state)
         write_curve(curve_of(self._out), self._log)
@@ -207,6 +207,11 @@ def _measured(net: PocoNet, drives: Sequence[Path], points: int) -> list[dict[st
         found.append({"drive": drive.name} | measure_poconet(net, [drive], points, every))
     net.train()
     return found
+
+
+def _on(row: Mapping[str, Any]) -> list[tuple[str, int]]:
+    """What a measurement is of. Precision on some frames does not compare with precision on others."""
+    return [(drive["drive"], drive["frames"]) for drive in row["drives"]]
 
 
 def _precision(row: Mapping[str, Any]) -> float:

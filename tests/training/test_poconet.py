@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from lidarcodec.sources.simulator import SimulatorSource  # noqa: E402
 from lidarcodec.training.annotation_folder import AnnotationFolder, Labels  # noqa: E402
 from lidarcodec.training.nets.poconet import CODEWORD, GlobalFeatureAttention, PocoNet, WeightedSum  # noqa: E402
 from lidarcodec.training.poco_data import PAPER_POINTS, lent, levels_of, poco_returns, poco_scan  # noqa: E402
-from lidarcodec.training.runs import load_checkpoint, seed_torch  # noqa: E402
+from lidarcodec.training.runs import load_checkpoint, save_checkpoint, seed_torch  # noqa: E402
 from lidarcodec.training.train_poconet import (  # noqa: E402
     PocoRun,
     best_of,
@@ -89,6 +90,22 @@ def test_a_training_by_the_clock_ends_in_time_with_a_curve_and_the_best_network(
     assert all(float(row["processor_minutes"]) >= 0 for row in rows)
     with pytest.raises(SettingsError, match="minutes"):
         PocoRun(minutes=0.0)
+
+
+@pytest.mark.sweep
+def test_the_best_network_is_chosen_anew_where_other_drives_are_looked_at(drive: Path, tmp_path: Path) -> None:
+    """Precision on an easier drive would stand for ever, and the network of that day would be the one that is kept."""
+    out, run = tmp_path / "on.pt", PocoRun(seed=4, epochs=3, points=POINTS)
+    train_poconet([drive], out, run, "cpu", seconds=0.0, validate=[drive], measure_seconds=0.0)
+    state = load_checkpoint(out)
+    assert state is not None
+    measured: list[dict[str, Any]] = state.log[-1]["drives"]
+    measured[0] |= {"drive": "easier", "precision": 1.0}
+    save_checkpoint(out, state)
+    train_poconet([drive], out, run, "cpu", seconds=0.0, validate=[drive], measure_seconds=0.0)
+    best = load_checkpoint(best_of(out))
+    assert best is not None
+    assert best.step == 2
 
 
 def test_the_weighted_sum_and_its_gradient_are_those_of_the_plain_formula() -> None:
