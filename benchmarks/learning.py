@@ -2,6 +2,7 @@
 
     python -m benchmarks.learning --keep poconet FILE.curve.csv --trained "lidarcodec train poconet ..."
     python -m benchmarks.learning --keep riddle DIR/curve.csv --trained "python -m research.riddle_paper train ..."
+    python -m benchmarks.learning --keep riddle-temporal DIR/curve.csv --trained "... --temporal 100"
     python -m benchmarks.learning          draws docs/learning.png of what is kept
 
 PocoNet's drives stand in poconet_drives.txt. `--keep` takes the curve that the training wrote, and its command, into
@@ -23,6 +24,7 @@ TIME: Final = "processor_minutes"
 TITLES: Final = {
     "poconet": "PocoNet while it learns, on simulated drives that it does not learn from",
     "riddle": "RIDDLE's own predictor (intra) while it learns, on KITTI 0005",
+    "riddle-temporal": "RIDDLE's own predictor (temporal) while it learns, on KITTI 0005",
 }
 COLOURS: Final = ("#2563eb", "#dc2626", "#16a34a", "#f59e0b")
 Points = list[tuple[float, float]]
@@ -78,7 +80,7 @@ def _panel(axes: Any, title: str, drawn: dict[str, Points]) -> None:
 def main(given: Sequence[str] | None = None) -> None:
     """Command line."""
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--keep", nargs=2, metavar=("NETWORK", "FILE"), help="poconet or riddle, and its curve")
+    words.add_argument("--keep", nargs=2, metavar=("NETWORK", "FILE"), help="poconet, riddle or riddle-temporal, and its curve")
     words.add_argument("--trained", default="", metavar="COMMAND", help="of the training")
     words.add_argument("--about", default="", metavar="TEXT", help="what it learned from")
     asked = words.parse_args(given)
