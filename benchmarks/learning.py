@@ -80,7 +80,7 @@ def _panel(axes: Any, title: str, drawn: dict[str, Points]) -> None:
 def main(given: Sequence[str] | None = None) -> None:
     """Command line."""
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--keep", nargs=2, metavar=("NETWORK", "FILE"), help="poconet, riddle or riddle-temporal, and its curve")
+    words.add_argument("--keep", nargs=2, metavar=("NETWORK", "FILE"), help=f"{', '.join(TITLES)}: and its curve")
     words.add_argument("--trained", default="", metavar="COMMAND", help="of the training")
     words.add_argument("--about", default="", metavar="TEXT", help="what it learned from")
     asked = words.parse_args(given)

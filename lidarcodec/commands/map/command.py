@@ -128,8 +128,8 @@ def compress(
         Option(
             "--by",
             metavar="NAME",
-            help="greedy, information (smallest errors), random, voxel (means of larger cells), paper or lp (integer "
-            "programmes, extra `maps`), or learned (a network).",
+            help="greedy, information (smaller errors, more scans lost), random, voxel (means of larger cells), paper "
+            "or lp (integer programmes, extra `maps`), or learned (a network).",
         ),
     ] = "greedy",
     weights: Annotated[
