@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,6 +38,18 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
         == 0
     )
     return folder
+
+
+def test_guides_show_what_is_printed(drive: Path, tmp_path: Path) -> None:
+    """They showed lines of an earlier version: "0 identical" where all packets were sent with losses."""
+    lossy = tmp_path / "slow.mcap"
+    words = ("--codec", "auto", "--set", "target_kbps=800")
+    assert run_here("encode", drive / "drive.pcap", lossy, *words).returncode == 0
+    printed = run_here("verify", lossy, drive / "drive.pcap").stdout
+    guide = (Path(__file__).parents[2] / "docs" / "guides" / "slow-link.md").read_text()
+    shown = next(block for block in guide.split("```") if "\ncovered  " in block)
+    forms = [re.sub(r"[\d,.]*\d", "N", text).splitlines() for text in (printed, shown.partition("\ncovered")[2])]
+    assert [forms[0][0].removeprefix("covered"), *forms[0][1:]] == forms[1]
 
 
 @pytest.mark.parametrize(
