@@ -25,7 +25,7 @@ from tests.transport.test_contract import eventually
         (["benhc"], "bench"),
         (["bench"], "SOURCE"),
         (["bench", "sim:city", "--frmes", "3"], "--frames"),
-        (["bench", "sim:city", "--frames", "0"], "--frames"),
+        (["bench", "sim:city", "--frames", "0"], "'--frames': must be at least 1"),
         (["bench", "sim:city", "--frames", "2", "--codec", "mp3"], "choose one of raw, zstd, pcodec"),
         (["bench", "sim:city", "--frames", "2", "--set", "colour=red"], "'colour'"),
         (["bench", "sim:city", "--frames", "2", "--set", "max_error_m=-1"], "max_error_m"),
@@ -92,6 +92,9 @@ def test_without_a_command_the_help_is_shown_and_help_answers_at_once():
     without = run()
     assert "Commands:" in without.stderr
     assert without.returncode == 2
+    of_a_group = run_here("archive")
+    assert "\n  query  Ask the index" in of_a_group.stderr, "its lines as they are, not joined to one"
+    assert of_a_group.returncode == 2
 
     def at_once() -> bool:
         started = time.monotonic()

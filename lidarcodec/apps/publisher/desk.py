@@ -132,7 +132,7 @@ class Desk:
         theirs, ours = differing(self._publisher.settings, own), differing(own, self._publisher.settings)
         if theirs:
             logger.warning(
-                "%s/%s: %s set %s over the network, in place of %s. To give it up: \"Return to the vehicle's own\" on "
+                "%s/%s: %s set %s over the network, in place of %s. To undo it: \"Return to the vehicle's own\" on "
                 "the page, or DELETE /api/v1/streams/%s/%s/settings at the server",
                 keys.vehicle, keys.sensor, self._by, theirs, ours, keys.vehicle, keys.sensor,
             )  # fmt: skip

@@ -50,7 +50,7 @@ from lidarcodec.units import counted
 logger = logging.getLogger(__name__)
 INSTEAD: Final = "; `convert` makes a rosbag2 of a folder, --as FORMAT other files"
 REMEDY: Final = "--returns all"
-APART: Final = "Each frame keeps its own sensor frame"
+APART: Final = "The points of each frame are relative to where the sensor was then"
 BY_POSES: Final = ": add --merge to place them by poses"
 
 

@@ -14,6 +14,7 @@ MEANT: Final = {
     "error": "--set max_error_m=VALUE",
 }
 """Names that people try, and what they mean here."""
+_LIMITS: Final = {"greater than or equal to": "at least", "less than or equal to": "at most"}
 
 
 def hint_for(error: Any, words: Sequence[str]) -> str:
@@ -35,6 +36,17 @@ def hint_for(error: Any, words: Sequence[str]) -> str:
     if (meant.startswith("--") and meant.split()[0] in known) or meant.startswith("OUT"):
         return f"write {meant}"
     return _setting(name) if settable else ""
+
+
+def in_plain_words(text: str) -> str:
+    """What typer says of a number out of its limits, in the words of our own errors; any other text as it is.
+
+    >>> in_plain_words("Invalid value for '--frames': Input should be greater than or equal to 1")
+    "Invalid value for '--frames': must be at least 1"
+    """
+    for theirs, ours in _LIMITS.items():
+        text = text.replace(f"Input should be {theirs} ", f"must be {ours} ")
+    return text
 
 
 def _of_link(words: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.running.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
-from lidarcodec.commands.running.hints import hint_for
+from lidarcodec.commands.running.hints import hint_for, in_plain_words
 from lidarcodec.commands.running.open_files import raise_limit
 from lidarcodec.commands.running.options import command_line
 from lidarcodec.commands.running.remaining import remember
@@ -47,9 +47,12 @@ def _complain(error: BaseException, words: list[str]) -> int:
     if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         path = context.command_path if context else "lidarcodec"
+        if context and error.message == context.get_help():  # a group of commands, and none of them was named
+            sys.stderr.write(f"{error.message}\n")
+            return WRONG_USAGE
         hint = hint_for(error, words)
         said = error.message if hint else error.format_message()  # other options are no better than the hint
-        text = " ".join(said.split()).rstrip(".") + (f": {hint}" if hint else "")
+        text = in_plain_words(" ".join(said.split())).rstrip(".") + (f": {hint}" if hint else "")
         sys.stderr.write(f"{path}: {one_line(text)} (see: {path} --help)\n")
         return WRONG_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
@@ -171,10 +174,9 @@ def main(app: typer.Typer) -> NoReturn:
     with contextlib.suppress(OSError):
         _flush()
     if "zenoh" in sys.modules:
-        # Zenoh's threads live a moment longer than a closed session. If one of them calls the interpreter while it
-        # shuts
-        # down, the process aborts ("FATAL: exception not rethrown"). So skip that shutdown: everything of ours is
-        # closed.
+        # Zenoh's threads live a moment longer than a closed session. If one of them calls the interpreter while
+        # it shuts down, the process aborts ("FATAL: exception not rethrown"). So skip that shutdown: everything of
+        # ours is closed.
         zenoh_log.end()
         os._exit(code)
     sys.exit(code)
