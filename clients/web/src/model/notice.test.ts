@@ -28,6 +28,11 @@ test("a server that refuses is quoted", () => {
   expect(noticeOf(full, "car-7/lidar", [THERE], THERE)[0]).toContain("accepts no more viewers");
 });
 
+test("a browser that cannot draw is not blamed on the server", () => {
+  const unable = { ...NOTHING, connection: "unable", problem: "This browser does not offer WebGL 2." } as const;
+  expect(noticeOf(unable, "car-7/lidar", [THERE], THERE)[0]).toBe("This browser does not offer WebGL 2.");
+});
+
 test("an old picture says since when and why", () => {
   const old = { ...LIVE, silent_s: 4, stale: true };
   expect(noticeOf(old, "car-7/lidar", [THERE], { alive: false, ended: false })).toEqual([

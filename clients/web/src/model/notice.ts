@@ -32,6 +32,7 @@ function withoutPicture(
 ): string | null {
   if (key === null) return rows?.length === 0 ? "There is no vehicle yet." : "No stream is chosen.";
   if (told === null) return null;
+  if (told.connection === "unable") return told.problem;
   if (told.connection === "refused") {
     return `The server does not show this stream: ${told.problem ?? "it gave no reason"}`;
   }

@@ -234,8 +234,9 @@ export class LiveView implements View, Sink {
   }
 
   #begin(): void {
-    if (!this.#gl || this.#gl.isContextLost()) {
-      this.#overlay.message(this.#gl ? LOST : NO_WEBGL);
+    if (!this.#gl) return; // the notice over the picture says so
+    if (this.#gl.isContextLost()) {
+      this.#overlay.message(LOST);
       return;
     }
     this.#renderer = new Renderer(this.#gl);
@@ -387,7 +388,7 @@ export class LiveView implements View, Sink {
     this.#tell({
       ...stats,
       ...all,
-      connection: this.#gl ? (source?.connection ?? "closed") : "refused",
+      connection: this.#gl ? (source?.connection ?? "closed") : "unable",
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
       note: source?.note ?? this.#scene.map?.note ?? null,
       alive: source?.alive ?? null,

@@ -71,8 +71,9 @@ export interface ViewStats {
   stale: boolean;
   /** Seconds since the last frame; null before the first. */
   silent_s: number | null;
-  /** State of the socket. `refused`: the server refused it, `problem` says why, and the page does not try again. */
-  connection: "closed" | "opening" | "open" | "waiting" | "refused";
+  /** State of the socket. `refused`: the server refused it, `problem` says why, and the page does not try again.
+   * `unable`: this browser cannot draw, and `problem` says why. */
+  connection: "closed" | "opening" | "open" | "waiting" | "refused" | "unable";
   problem: string | null;
   /** A note that is not a problem: the server decodes because the page cannot, or why the map is not drawn. */
   note: string | null;
