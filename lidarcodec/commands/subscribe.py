@@ -105,7 +105,25 @@ def line_of(summary: dict[str, Any], fps: float | None) -> str:
         f"{counted(summary.get('frames', 0), 'frame')}{rate}, {summary.get('bytes', 0):,} bytes, "
         f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
         + _refined(summary["refinements"])
+        + _sent_on(summary.get("udp"))
     )
+
+
+def _sent_on(counts: dict[str, int] | None) -> str:
+    """What was sent by UDP, and what of it was not.
+
+    >>> _sent_on({"packets": 7184, "position packets": 12, "send errors": 3, "replaced": 1})
+    '; 7,196 packets sent by UDP, 3 not sent, 1 frame left out'
+    """
+    if counts is None:
+        return ""
+    sent = counts.get("packets", 0) + counts.get("position packets", 0)
+    failed = counts.get("send errors", 0) + counts.get("position packets not sent", 0)
+    left_out = counts.get("replaced", 0) + counts.get("no packets", 0)
+    lost = (f", {failed:,} not sent" if failed else "") + (
+        f", {counted(left_out, 'frame')} left out" if left_out else ""
+    )
+    return f"; {counted(sent, 'packet')} sent by UDP{lost}"
 
 
 def _refined(counts: dict[str, int] | None) -> str:
