@@ -105,14 +105,14 @@ def line_of(summary: dict[str, Any], fps: float | None) -> str:
         f"{counted(summary.get('frames', 0), 'frame')}{rate}, {summary.get('bytes', 0):,} bytes, "
         f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
         + _refined(summary["refinements"])
-        + _sent_on(summary.get("udp"))
+        + _sent_by_udp(summary.get("udp"))
     )
 
 
-def _sent_on(counts: dict[str, int] | None) -> str:
+def _sent_by_udp(counts: dict[str, int] | None) -> str:
     """What was sent by UDP, and what of it was not.
 
-    >>> _sent_on({"packets": 7184, "position packets": 12, "send errors": 3, "replaced": 1})
+    >>> _sent_by_udp({"packets": 7184, "position packets": 12, "send errors": 3, "replaced": 1})
     '; 7,196 packets sent by UDP, 3 not sent, 1 frame left out'
     """
     if counts is None:

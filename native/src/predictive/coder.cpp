@@ -21,7 +21,8 @@ std::size_t streams_of(const RangeKind& kind) {
 std::size_t head_bytes(const RangeKind& kind) { return kSizesAt + 4 * (streams_of(kind) - 1) + (kind.slab ? 1 : 0); }
 
 constexpr RowSpan kUpperRows{0, kMaskRows / 2}, kLowerRows{kMaskRows / 2, kMaskRows};
-constexpr std::size_t kWorthAThread = 16'384;  // returns of a frame that take thirty times as long as to start a thread
+// Returns of a frame for whose halves a thread pays: coding them takes thirty times as long as starting one.
+constexpr std::size_t kWorthAThread = 16'384;
 
 void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
   if (known < kWholeFrame || known > std::min<KnownColumns>(255, static_cast<KnownColumns>(geometry.width)))
@@ -158,7 +159,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
                        quick && net == nullptr, cells.free, halves && known < 0};
   if (samples != nullptr) samples->inputs = inputs;
   std::array<PredictiveParts<WideEncoder>, 2> parts;
-  const bool apart = kind.halves && samples == nullptr && at_once(returned.returns);  // samples come in order of rows
+  const bool apart = kind.halves && samples == nullptr && at_once(returned.returns);  // samples are taken row by row
   code_halves(kind.halves, apart, [&](std::size_t half, PredictiveModel& model, const RowSpan& rows) {
     write_image({path_, model, {net, samples}, *slab_ends_, kind.slab, kind.quick},
                 {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent, rows},

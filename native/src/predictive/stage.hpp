@@ -12,7 +12,7 @@
 
 namespace lidarcodec {
 
-// Rows of an image, the last one left out.
+// Rows of an image, from `first` up to, but not, `end`.
 struct RowSpan {
   std::size_t first = 0, end = kMaskRows;
 };

@@ -19,7 +19,8 @@ constexpr std::size_t kNameBytes = 8;
 constexpr std::uint8_t kPlainEffort = 1, kMostEffort = 4;
 constexpr std::uint8_t kSparseKeep = 4, kSparseKeepAfter = 5;
 
-constexpr std::size_t kWorthAThread = 4096;  // bytes of intensities, which take ten times as long as to start a thread
+// Bytes of intensities for which a thread pays: decoding them takes ten times as long as starting one.
+constexpr std::size_t kWorthAThread = 4096;
 
 constexpr std::uint8_t kDescribed = 3;  // form of a CALIBRATION section, of other sensors than an HDL-64E
 
