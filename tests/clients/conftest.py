@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -15,7 +17,7 @@ from tests.conftest import ROOT
 BUILD = ROOT / "build" / "native"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The library as `cmake --install` puts it into a folder."""
     if not list((BUILD / "native" / "c").glob("liblidarcodec.*")):
@@ -28,15 +30,22 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return prefix
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def programs(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the programs of clients/cpp, built against the library as it is installed."""
+    """The folder of the programs of clients/cpp, built against the library as it is installed.
+
+    All processes of `pytest -n` share it: the first one builds, the others wait.
+    """
     if shutil.which("cmake") is None:
         pytest.skip("needs cmake")
-    build = tmp_path_factory.mktemp("programs")
+    base = tmp_path_factory.getbasetemp()
+    build = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "programs"
     words = ["cmake", "-S", str(ROOT / "clients" / "cpp"), "-B", str(build), f"-DCMAKE_PREFIX_PATH={installed}"]
-    for step in (words, ["cmake", "--build", str(build)]):
-        subprocess.run(step, check=True, capture_output=True, timeout=300)
+    with build.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for step in (words, ["cmake", "--build", str(build)]) if not (build / "built").exists() else ():
+            subprocess.run(step, check=True, capture_output=True, timeout=300)
+        (build / "built").touch()
     return build
 
 
