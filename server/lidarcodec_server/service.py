@@ -171,9 +171,9 @@ class Service:
             self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
             name = "no stream" if keys is None else keys.prefix
-            self.warnings.warning(
-                "an entry could not be written to the audit log: %s of %s by %s: %s", action, name, who, error
-            )
+            # Each one, since the rate of changes is limited; only those beyond it could flood the log.
+            log = self.warnings if operation.too_soon else logger
+            log.warning("an entry could not be written to the audit log: %s of %s by %s: %s", action, name, who, error)
 
     # --- the network ------------------------------------------------------------------------------------------------
 

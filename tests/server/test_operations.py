@@ -213,3 +213,21 @@ def test_what_no_database_keeps_is_entered_without_it(config, tokens):
     (entry, *_) = store.audit(None)
     store.close()
     assert (entry.changes, entry.reason) == ({"a\ufffd": ["\ufffd"]}, "no '\ufffd'")
+
+
+async def test_each_act_that_the_audit_log_lacks_is_named_in_the_servers_log(serving, tokens, vehicle, caplog):
+    """At most one a second was: the others were in no record at all."""
+    vehicle()
+    async with serving(tokens["operator"], **RATES) as client:
+
+        async def there():
+            return (await client.get(STREAM)).status_code == 200
+
+        await until(there)
+        with client.app.state.service.store._engine.begin() as connection:
+            connection.exec_driver_sql("DROP TABLE audit")
+        for _ in range(5):
+            assert (await client.post(f"{STREAM}/keyframe", json={})).status_code < 500
+    named = [line for line in caplog.messages if "could not be written to the audit log: keyframe of" in line]
+    assert len(named) == 5
+    assert "by operator" in named[0]
