@@ -23,6 +23,7 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, fra
 from lidarcodec.settings import SettingChanges, StreamSettings, settings_from
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import Source
+from lidarcodec.sources.posed import with_poses
 from lidarcodec.wire import pack, unpack
 
 
@@ -32,13 +33,15 @@ def read_frames(
     """Frames of a source. A path or URL is opened with `open_source`, and closed at the end.
 
     framing: as of StreamSettings. With `revolution` the first and the last frame of a capture may be parts of a turn.
+    Frames of a recording have the poses that its messages carry, and its mounting.
     Raises SourceError, CalibrationError or PacketError when the source cannot be read.
     """
     if isinstance(source, str | Path):
         with open_source(source, calibration=calibration) as opened:
-            yield from frames_of(opened.packets(), opened.sensor, framing, current=lambda: opened.sensor)
-    else:
-        yield from frames_of(source.packets(), source.sensor, framing, current=lambda: source.sensor)
+            yield from read_frames(opened, framing)
+        return
+    cut = frames_of(source.packets(), source.sensor, framing, current=lambda: source.sensor)
+    yield from with_poses(cut, getattr(source, "carried", None), getattr(source, "mount", None))
 
 
 def encode(

@@ -105,7 +105,7 @@ class _Coding:
                     source.counts,
                     current=lambda: source.sensor,
                 ),
-                source.poses if self.posed else None,
+                source.poses if self.posed else source.carried,
                 source.mount,
             )
             # A signal ends a live source; the packets received so far are the last frame.

@@ -12,6 +12,7 @@ from lidarcodec.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from lidarcodec.mounting import Mounting
+    from lidarcodec.sources.posed import CarriedPoses
     from lidarcodec.sources.poses import Poses
 
 
@@ -54,6 +55,7 @@ class PacketSource(Source):
 
     label:    description in one line
     poses:    poses of the sensor, if known
+    carried:  of a recording of messages: the poses that they carry, for frames that are cut from its packets
     mount:    where the sensor sits on its vehicle, if known
     names:    of the vehicle and of its sensor, if the source has them
     start_ns: host time of the first packet, if known before it is read
@@ -61,6 +63,7 @@ class PacketSource(Source):
 
     label: str = ""
     poses: Poses | None = None
+    carried: CarriedPoses | None = None
     mount: Mounting | None = None
     names: tuple[str, str] | None = None
     start_ns: int | None = None

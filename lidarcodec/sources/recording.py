@@ -34,6 +34,7 @@ from lidarcodec.sensors import check_recognised, find_sensor
 from lidarcodec.settings import is_name
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.described import sensor_noted
+from lidarcodec.sources.posed import CarriedPoses
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
 
@@ -82,6 +83,7 @@ class RecordingSource(PacketSource):
             raise SourceError(f"{path} has no frame that can be decoded{why}")
         super().__init__(self._found_sensor(calibration, [packet.payload for packet in first], frame))
         self.start_ns = first[0].stamp_ns if first else frame.stamp_ns if frame else None
+        self.carried = CarriedPoses() if self.channel == "messages" else None
         self.names = self._said_names()
         self.mount = self._said_mount() if frame is None or frame.mount is None else Mounting.of_matrix(frame.mount)
         self.label = f"recording {path.name}, {'raw packets' if first else 'decoded messages'}"
@@ -133,7 +135,8 @@ class RecordingSource(PacketSource):
         if self.channel == "packets":
             source = self._raw(self.counts, start_ns=start_ns)
         else:
-            source = (packet for frame in self.frames(start_ns) for packet in self._packets_of(frame))
+            frames = self.frames(start_ns) if self.carried is None else self.carried.taken(self.frames(start_ns))
+            source = (packet for frame in frames for packet in self._packets_of(frame))
         for packet in source:
             if self.closed:
                 return

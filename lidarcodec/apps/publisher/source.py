@@ -56,7 +56,7 @@ class FrameFeed:
         mount: Mounting | None = None,
     ) -> None:
         self._keeper, self.mount = keeper, mount
-        self.source, self._poses = source, poses
+        self.source, self._poses = source, poses or getattr(source, "carried", None)
         self._paced: Source = source
         self._replay: PacedSource | None = None
         if rate != "max" and not source.live:

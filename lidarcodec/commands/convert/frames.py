@@ -153,7 +153,7 @@ class _Read:
         source = self._source
         framing = StreamSettings().framing
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
-        return with_poses(cut, source.poses if self._take_poses else None, source.mount)
+        return with_poses(cut, source.poses if self._take_poses else source.carried, source.mount)
 
     def finish(self) -> None:
         self._source.finish()

@@ -152,7 +152,7 @@ class Bag:
     """
 
     def __init__(self, wanted: Wanted, handle: BinaryIO, source: PacketSource) -> None:
-        sensor, self._poses, self._mount = source.sensor, source.poses, source.mount
+        sensor, self._poses, self._mount = source.sensor, source.poses or source.carried, source.mount
         points_topic = CLOUDS_TOPIC if wanted.topic == PACKETS_TOPIC else wanted.topic
         if not sensor.is_cloud:  # two sensors, each with a topic of its own, keep their points apart, too
             points_topic = wanted.topic.removesuffix("_packets") + "_points"

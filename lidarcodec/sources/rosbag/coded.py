@@ -14,6 +14,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.refinements import Refinements
+from lidarcodec.sources.posed import CarriedPoses
 
 logger = logging.getLogger(__name__)
 
@@ -22,12 +23,16 @@ class CodedMessages:
     """Decodes messages of a bag, with a limit of work in proportion to the size of its files.
 
     size: bytes of the files;  refinements: none, because bags have no topic for them
+    carried: the poses in the messages
     Counts, as of a recording: `undecoded messages`, `missing references`, `frames without packets`, `damaged`
     """
 
-    def __init__(self, path: Path, files: Iterable[Path], counts: Counter[str], *, warn: bool) -> None:
+    def __init__(
+        self, path: Path, files: Iterable[Path], counts: Counter[str], carried: CarriedPoses, *, warn: bool
+    ) -> None:
         self.size = sum(file.stat().st_size for file in files)
         self.refinements = Refinements()
+        self.carried = carried
         self._path, self._counts, self._warn = path, counts, warn
 
     def leave_out_rest(self, why: str) -> None:
@@ -45,7 +50,7 @@ class CodedMessages:
 
     def packets(self, messages: Iterable[bytes]) -> Iterator[Packet]:
         """The packets of those frames."""
-        for frame in self.frames(messages):
+        for frame in self.carried.taken(self.frames(messages)):
             try:
                 yield from packets_of(frame)
             except DecodeError:

@@ -23,6 +23,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
 from lidarcodec.interop.compressed_cloud import message_of
 from lidarcodec.interop.velodyne_scan import packets_of_scan
+from lidarcodec.mounting import Mounting
 from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
 from lidarcodec.recording.records import MAX_RECORD
@@ -33,6 +34,7 @@ from lidarcodec.sensors.clouds.message import ROS1
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.cloud_packets import CloudPackets
 from lidarcodec.sources.decompress import WINDOW_LIMIT
+from lidarcodec.sources.posed import CarriedPoses
 from lidarcodec.sources.rosbag import bag1, sqlite
 from lidarcodec.sources.rosbag.coded import CodedMessages
 from lidarcodec.sources.spec import Spec
@@ -75,9 +77,11 @@ class RosbagSource(PacketSource):
         self.files = _files_of(path)
         self.topic, self._kind = _topic_of(path, self.files, topic, model)
         if self._kind == CODED:
+            self.carried = CarriedPoses()
             frame = self._first_frame()
             super().__init__(frame.sensor if calibration is None else read_calibration(calibration, "given"))
             self.start_ns = frame.stamp_ns
+            self.mount = None if frame.mount is None else Mounting.of_matrix(frame.mount)
         else:
             clouds = self._kind == CLOUD
             first = list(islice(self._read(Counter(), warn=False), FIRST_CLOUDS if clouds else SEARCHED_PACKETS))
@@ -104,15 +108,15 @@ class RosbagSource(PacketSource):
 
     def _first_frame(self) -> Frame:
         counts = Counter[str]()
-        coded = CodedMessages(self.path, self.files, counts, warn=False)
+        coded = CodedMessages(self.path, self.files, counts, CarriedPoses(), warn=False)
         frame = next(coded.frames(self._each(message_of, counts, warn=False)), None)
         if frame is None:
             raise SourceError(f"{self.path} has no message of lidarcodec that can be decoded on topic {self.topic}")
         return frame
 
     def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
-        if self._kind == CODED:
-            coded = CodedMessages(self.path, self.files, counts, warn=warn)
+        if self.carried is not None:
+            coded = CodedMessages(self.path, self.files, counts, self.carried, warn=warn)
             yield from coded.packets(self._each(message_of, counts, warn))
             return
         of = CloudPackets(counts).of if self._kind == CLOUD else packets_of_scan
