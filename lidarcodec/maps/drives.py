@@ -21,6 +21,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
+from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.recording import RecordingSource
 
@@ -73,14 +74,18 @@ class DriveSpec:
                     yield scan_of(frame)
 
     def given_poses(self) -> Poses | None:
-        """Poses of a file, of the simulator, or of the frames of a recording; None if there are none."""
+        """Poses of a file, of the simulator, or of the messages of a recording or a bag; None if there are none."""
         with self.opened() as source:
             if source.poses is not None:
                 # those of a file without times begin with the first packet
                 return source.poses if source.start_ns is None else source.poses.starting(source.start_ns)
-            if not isinstance(source, RecordingSource) or source.channel != "messages":
+            if source.carried is None:
                 return None
-            known = [(frame.stamp_ns, frame.pose) for frame in source.frames() if frame.pose is not None]
+            if isinstance(source, RecordingSource):
+                frames = source.frames()
+            else:
+                frames = with_poses(frames_of(source.packets(), source.sensor, "revolution"), source.carried)
+            known = [(frame.stamp_ns, frame.pose) for frame in frames if frame.pose is not None]
         if len(known) < 2:
             return None
         return Poses(np.array([stamp for stamp, _ in known], np.int64), np.stack([pose for _, pose in known]))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 
 from lidarcodec import wire
 from lidarcodec.api import read_frames
 from lidarcodec.apps.publisher.source import FrameFeed
+from lidarcodec.commands.pipe import pipe
+from lidarcodec.maps.drives import DriveSpec
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.settings import StreamSettings
@@ -66,6 +70,33 @@ def test_a_replay_sends_them(drives):
     for number, frame in enumerate(found):
         np.testing.assert_allclose(frame.pose, pose(number), atol=1e-9)
         assert frame.stamp_ns != feed.source.start_ns or number == 0
+
+
+@pytest.mark.parametrize("name", ["drive.mcap", "bag"])
+def test_a_pipe_passes_them_on(drives, tmp_path, name):
+    with (tmp_path / "piped.mcap").open("wb") as out:
+        pipe.run(
+            str(drives / name), "recording", "pcodec", [], None, None, None, as_json=False, standard=(0, out.fileno())
+        )
+    for number, frame in enumerate(read_frames(tmp_path / "piped.mcap")):
+        np.testing.assert_allclose(frame.pose, pose(number), atol=1e-9)
+
+
+def test_an_archive_takes_them(drives, tmp_path):
+    (tmp_path / "in").mkdir()
+    shutil.copy(next((drives / "bag").glob("*.mcap")), tmp_path / "in" / "bag.mcap")
+    done = run_here("archive", "run", tmp_path / "in", tmp_path / "archive", "--workers", "here")
+    assert done.returncode == 0, done.stderr
+    (segment,) = (tmp_path / "archive").rglob("*.mcap")
+    for number, frame in enumerate(read_frames(segment)):
+        np.testing.assert_allclose(frame.pose, pose(number), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["drive.mcap", "bag"])
+def test_a_map_is_built_by_them(drives, name):
+    found = DriveSpec(str(drives / name)).given_poses()
+    assert found is not None
+    np.testing.assert_allclose(found.positions[:, 0], np.arange(len(found)), atol=1e-9)
 
 
 def test_a_bag_of_clouds_made_of_it_has_them(drives, tmp_path):

@@ -41,6 +41,7 @@ def compress(value: dict[str, Any], source: Store, target: Store) -> dict[str, A
             encoder.settings.framing,
             current=lambda: packets.sensor,
         )
-        product = write_product(with_poses(frames, packets.poses, packets.mount), encoder, known, folder)
+        posed = with_poses(frames, packets.poses or packets.carried, packets.mount)
+        product = write_product(posed, encoder, known, folder)
         won = publish(target, product)
     return {"won": won} | {name: product.value[name] for name in ("frames", "bytes", "packet_bytes")}

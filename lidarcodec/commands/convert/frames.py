@@ -143,7 +143,7 @@ class _Recorded:
 
 
 class _Read:
-    """Frames of any other source. posed: whether to take its poses"""
+    """Frames of any other source. posed: whether to take its poses, beside those that its messages carry"""
 
     def __init__(self, source: PacketSource, *, posed: bool) -> None:
         self._source, self._take_poses = source, posed
@@ -153,7 +153,8 @@ class _Read:
         source = self._source
         framing = StreamSettings().framing
         cut = frames_of(source.packets(), source.sensor, framing, source.counts, current=lambda: source.sensor)
-        return with_poses(cut, source.poses if self._take_poses else source.carried, source.mount)
+        poses = source.poses if self._take_poses else None
+        return with_poses(cut, poses or source.carried, source.mount)
 
     def finish(self) -> None:
         self._source.finish()

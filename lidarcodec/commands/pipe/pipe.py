@@ -33,6 +33,7 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.settings import is_name
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 
@@ -101,6 +102,7 @@ class _Feed:
             return islice(_decoded(self.coded, done), self.most)
         packets = self.till_failure(source.packets())
         cut = frames_of(packets, source.sensor, framing, source.counts, current=lambda: source.sensor)
+        cut = with_poses(cut, source.carried, source.mount)
         return islice(cut if source.live else _until(cut, self.stopped), self.most)
 
 
