@@ -77,7 +77,7 @@ def compared(
     comparison, sent = Comparison(), Sent()
     with open_source(spec, calibration=calibration, points=False) as source:
         packets = PacketsByTime(source.packets())
-        watched, added = Watched(recorded, stopped), None
+        watched, added, lacking = Watched(recorded, stopped), None, Counter[str]()
         for frame in watched:
             message = recorded.message
             if message is not None and message is not added:  # one of a group has several frames
@@ -88,6 +88,10 @@ def compared(
             if promise is not None and settings is not None and settings.codec == "raw":
                 promise = promise._replace(reduced=settings.reduces)
             comparison.add(frame, packets, promise)
+            if frame.pose is None and source.carried is not None and source.carried.at(frame.stamp_ns) is not None:
+                lacking["pose"] += 1
+            if frame.mount is None and source.mount is not None:
+                lacking["mounting of the sensor"] += 1
             tick()
         comparison.finish(packets)
         coverage = None if watched.cut else packets.coverage(stopped)
@@ -102,7 +106,11 @@ def compared(
         raise SourceError(
             f"{spec} has no packet with a time of {recording}: the recording was not made from this source"
         )
-    incomplete = [] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)
+    incomplete = (
+        []
+        if coverage is None or allow_part
+        else [*not_covered(coverage), *not_carried(lacking), *not_given(source.counts)]
+    )
     broken = [*missing_parts(recorded), *broken_promises(settings, comparison), *incomplete]
     return comparison.result() | {
         "model": source.sensor.model,
@@ -129,6 +137,14 @@ def not_covered(found: Coverage) -> list[str]:
     return [
         f"{missing:,} of {found.source_packets:,} packets of the source are missing; use --allow-part if only a "
         "part was recorded"
+    ]
+
+
+def not_carried(lacking: Counter[str]) -> list[str]:
+    """What frames of the source carry beside their packets, and those of the recording do not, in sentences."""
+    return [
+        f"{count} frames lack the {name} that they have in the source; use --allow-part if that is known"
+        for name, count in lacking.items()
     ]
 
 

@@ -99,6 +99,21 @@ def test_a_map_is_built_by_them(drives, name):
     np.testing.assert_allclose(found.positions[:, 0], np.arange(len(found)), atol=1e-9)
 
 
+def test_verify_says_what_a_recording_lacks(drives, tmp_path):
+    """It said that all was identical, though the poses were gone."""
+    encoder = StreamEncoder(StreamSettings(codec="pcodec"))
+    with (tmp_path / "bare.mcap").open("wb") as file, RecordingWriter(file, "car-7", "roof") as writer:
+        for frame in read_frames(drives / "drive.mcap"):
+            for message in encoder.encode(frame.with_(pose=None, mount=None)):
+                writer.write(wire.pack(message))
+    found = run_here("verify", tmp_path / "bare.mcap", drives / "drive.mcap")
+    assert found.returncode == 1
+    assert "frames lack the pose that they have in the source" in found.stdout
+    assert "frames lack the mounting of the sensor that they have in the source" in found.stdout
+    assert run_here("verify", tmp_path / "bare.mcap", drives / "drive.mcap", "--allow-part").returncode == 0
+    assert run_here("verify", drives / "drive.mcap", drives / "drive.mcap").returncode == 0
+
+
 def test_a_bag_of_clouds_made_of_it_has_them(drives, tmp_path):
     done = run_here("convert", drives / "bag", tmp_path / "clouds", "--as", "rosbag", "--with-clouds")
     assert done.returncode == 0, done.stderr
