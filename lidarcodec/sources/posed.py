@@ -22,17 +22,21 @@ class CarriedPoses:
     """The poses that the messages of a recording carry, while it is read: those of its newest frames.
 
     A source that turns such frames into packets would lose them. Not thread-safe.
+    count: frames with a pose that were read
     """
 
     def __init__(self) -> None:
+        self.count = 0
         self._known: OrderedDict[int, npt.NDArray[np.float64]] = OrderedDict()
 
     def taken(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """The frames, from the beginning of a recording. One is read ahead, so that a pose can lie between two."""
         self._known.clear()
+        self.count = 0
         before: Frame | None = None
         for frame in frames:
             if frame.pose is not None:
+                self.count += 1
                 self._known[frame.stamp_ns] = frame.pose
                 if len(self._known) > REMEMBERED:
                     self._known.popitem(last=False)

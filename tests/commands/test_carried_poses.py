@@ -99,6 +99,12 @@ def test_a_map_is_built_by_them(drives, name):
     np.testing.assert_allclose(found.positions[:, 0], np.arange(len(found)), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["drive.mcap", "bag"])
+def test_what_has_no_place_for_them_is_said(drives, tmp_path, name, caplog):
+    assert run_here("convert", drives / name, tmp_path / "out.pcap").returncode == 0
+    assert "the poses of 5 frames were left out" in caplog.text
+
+
 def test_verify_says_what_a_recording_lacks(drives, tmp_path):
     """It said that all was identical, though the poses were gone."""
     encoder = StreamEncoder(StreamSettings(codec="pcodec"))

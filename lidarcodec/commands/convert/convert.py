@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -36,6 +37,8 @@ from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.unit_calibration import is_generic
 from lidarcodec.units import FRAME_PACKETS, counted
+
+logger = logging.getLogger(__name__)
 
 CALIBRATION = "db.xml"
 IN_THE_STREAM = ("generic", "stream")
@@ -134,7 +137,7 @@ def run(
             write_beside(output, other)
         if part:
             output.only_part()
-    say_unkept(source.label, source.counts)
+    _say_left_out(source, clouds=wanted.clouds)
     kept = output.kept or out
     tables = [_calibration_of(kept)] if beside is not None and beside.parent != out else []
     tables += [named_beside(kept, other[0])] if other is not None else []
@@ -142,6 +145,17 @@ def run(
     _check_left_out(writer, kept)
     if part:
         raise remaining.stopped(out, kept, turns.turns, skip=skip, frames=frames, live=source.live)
+
+
+def _say_left_out(source: PacketSource, *, clouds: bool) -> None:
+    """Warn about what was not kept. clouds: whether clouds are written, too, with a transform for each"""
+    say_unkept(source.label, source.counts)
+    if source.carried is not None and source.carried.count and not clouds:
+        logger.warning(
+            "%s: the poses of %d frames were left out: packets have no place for them, but a recording has",
+            source.label,
+            source.carried.count,
+        )
 
 
 def _turning(sensor: SensorModel, spec: str, *, numbered: bool) -> tuple[int | None, RotationWatch | TurnWatch | None]:
