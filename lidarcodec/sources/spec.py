@@ -95,7 +95,7 @@ class Spec:
         if not host and not port.isdigit():
             host, port = port, ""
         if port and not is_number(port, 65535):
-            raise SourceError(f"{self.text}: the port must be a number up to 65535")
+            raise SourceError(f"{self.text}: {port} is no port: write a number up to 65535")
         return host.strip("[]"), int(port) if port else None
 
     def flag(self, name: str) -> bool:

@@ -45,7 +45,7 @@ class SourceClass(Protocol):
 
 
 def open_source(
-    spec: str | Path,
+    spec: str | Path | Spec,
     *,
     calibration: str | Path | None = None,
     poses: str | Path | None = None,
@@ -65,7 +65,7 @@ def open_source(
     points:      whether points are made of its frames, so that a generic calibration deserves a warning
     Raises SourceError, UnknownNameError (kind or option), CalibrationError, PacketError for another sensor.
     """
-    parsed = parse(spec, SCHEMES)
+    parsed = spec if isinstance(spec, Spec) else parse(spec, SCHEMES)
     kind = kind_of(parsed)
     source = _class(kind).from_spec(parsed, None if calibration is None else Path(calibration))
     try:

@@ -30,6 +30,12 @@ def test_where_nothing_comes_it_ends_and_says_so(monkeypatch):
     assert "within 0.5 s" in the_one_line(run_here("info", f"udp://127.0.0.1:{port}?wait=0&idle=0.5"))
 
 
+def test_a_port_that_is_none_is_named_and_nothing_that_the_user_did_not_write():
+    done = run_here("info", "udp://127.0.0.1:99999")
+    assert done.returncode == 1
+    assert the_one_line(done).endswith("udp://127.0.0.1:99999: 99999 is no port: write a number up to 65535")
+
+
 @pytest.mark.parametrize("count", [500, 4000])
 def test_what_a_sensor_sends_is_shown_though_it_falls_silent(monkeypatch, count):
     monkeypatch.setattr(inspect_source, "QUIET_S", 2.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from lidarcodec.sensors.models.table import sensor_of
 from lidarcodec.sensors.recognise import STREAM_PACKETS, recognised
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
-from lidarcodec.sources.spec import LIVE, parse
+from lidarcodec.sources.spec import LIVE, Spec, parse
 from lidarcodec.sources.table import SCHEMES, kind_of
 from lidarcodec.sources.unit_calibration import remark_on
 from lidarcodec.units import FRAME_PACKETS
@@ -103,7 +104,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     repeated = 0
     before: bytes | None = None
     with (
-        open_source(_limited(spec), calibration=calibration, points=False) as source,
+        open_source(_limited(parse(spec, SCHEMES)), calibration=calibration, points=False) as source,
         progress("reading packets") as tick,
     ):
         sensor = source.sensor
@@ -232,12 +233,11 @@ def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
     }
 
 
-def _limited(spec: str) -> str:
-    """The source with an option `idle`, if it is a live source without one."""
-    parsed = parse(spec)
-    if parsed.scheme not in LIVE or "idle" in parsed.options:
+def _limited(spec: Spec) -> Spec:
+    """The source with an option `idle`, if it is a live source without one. Errors show it as it was written."""
+    if spec.scheme not in LIVE or "idle" in spec.options:
         return spec
-    return f"{spec}{'&' if '?' in spec else '?'}idle={QUIET_S:g}"
+    return replace(spec, options={**spec.options, "idle": f"{QUIET_S:g}"})
 
 
 def _return_mode(status: StatusReader, layouts: Counter[str]) -> str:
