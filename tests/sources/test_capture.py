@@ -324,8 +324,10 @@ def test_a_file_without_sensor_packets_says_what_it_holds(write):
         open_source(write(c.pcap([c.frame(bytes(100))] * 3)))
     with pytest.raises(SourceError, match="no UDP datagrams at all"):
         open_source(write(c.pcap([])))
-    with pytest.raises(SourceError, match="is not a pcap or pcapng file: it begins with 68 65 6c 6c"):
-        open_source(write(b"hello world"))
+    with pytest.raises(SourceError, match=r"is not a pcap or pcapng file: it is a text file. Give a capture"):
+        open_source(write(b"# Hello\n\nworld\n"))
+    with pytest.raises(SourceError, match=r"it begins with 52 49 46 46. Give a capture"):
+        open_source(write(b"RIFF\x00\x01\x02WAVEfmt "))
     with pytest.raises(SourceError, match="it is empty"):
         open_source(write(b""))
 

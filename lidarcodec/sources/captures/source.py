@@ -37,6 +37,9 @@ MAX_STREAMS: Final = 64
 """Most streams of a capture in the search for the sensor's stream."""
 POSITIONS: Final = "position packets"
 
+LOOK_BYTES: Final = 60
+"""Bytes behind the first four that show whether a file is text."""
+REMEDY: Final = "Give a capture (.pcap, .pcapng), a recording (.mcap), a rosbag or a KITTI folder"
 OF_POINTS: Final = frozenset({".ply", ".pcd", ".las", ".laz", ".csv", ".npz", ".e57"})
 """Endings of files that `convert` writes and nothing here reads."""
 
@@ -77,9 +80,16 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
         raise SourceError(
             f"{path} holds points, which cannot become packets again: give the capture or recording that they come from"
         )
-    what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
-    kind = "a recording (.mcap)" if path.suffix.lower() == ".mcap" else "a pcap or pcapng file"
-    raise SourceError(f"{path} is not {kind}: {what}")
+    what = _contents(head + stream.read(LOOK_BYTES)) if head else stream.problem or "it is empty"
+    kind = "recording (.mcap)" if path.suffix.lower() == ".mcap" else "pcap or pcapng file"
+    raise SourceError(f"{path} is not a {kind}: {what}. {REMEDY}")
+
+
+def _contents(begins: bytes) -> str:
+    """What the first bytes of a file of no known kind show."""
+    if begins.isascii() and b"".join(begins.split()).decode().isprintable():
+        return "it is a text file"
+    return f"it begins with {begins[:4].hex(' ')}"
 
 
 class CaptureSource(PacketSource):
