@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,10 +13,15 @@ from lidarcodec.packet import Packet
 from lidarcodec.sources.base import PacketSource, Source
 from lidarcodec.units import PACKET_INTERVAL_US
 
+logger = logging.getLogger(__name__)
+
 MAX_GAP_NS: Final = 1_000_000_000
 """Longest wait between two packets: a longer gap is a cut between recordings."""
 NAP_S: Final = 0.0005
 """Packets due within this time are given at once: shorter sleeps are not worth their cost."""
+LATE_S: Final = 2.0
+"""Packets that are given later than this are counted: a pause of the machine alone is shorter."""
+LATE: Final = "late packets"
 
 
 class PacedSource(PacketSource):
@@ -25,6 +31,9 @@ class PacedSource(PacketSource):
     loop:    begins again at the end, with stamps that go on
     restamp: stamps become the time at which the packet is given, as from a live sensor; the distance to the packet's
              own time is `shift_ns`, so that poses can still be looked up. now_ns: host time for that
+
+    Counts, besides those of `inner`: `late packets`, given more than two seconds after they were due. The first one
+    gives a warning.
     """
 
     def __init__(
@@ -50,9 +59,11 @@ class PacedSource(PacketSource):
 
     def packets(self) -> Iterator[Packet]:
         """Packets when they are due. A late reader gets overdue packets at once; none is skipped."""
-        due_s, last_ns = time.monotonic(), None
+        due_s, last_ns = 0.0, None
         for packet, own_ns in self._endless():
-            if last_ns is not None:
+            if last_ns is None:
+                due_s = time.monotonic()
+            else:
                 due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self.speed
             if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # position stamps may go back
                 last_ns = packet.stamp_ns
@@ -61,6 +72,8 @@ class PacedSource(PacketSource):
                 return
             if self._stop.is_set():
                 return
+            if -wait_s > LATE_S and self.speed < float("inf"):
+                self._late(-wait_s)
             if self.restamp:
                 now_ns = self._now_ns()
                 self.shift_ns = now_ns - own_ns
@@ -68,6 +81,16 @@ class PacedSource(PacketSource):
             else:
                 self.shift_ns = packet.stamp_ns - own_ns
                 yield packet
+
+    def _late(self, late_s: float) -> None:
+        if not self.counts[LATE]:
+            logger.warning(
+                "%s: packets come %.1f s late, and later and later if this goes on: this machine is too slow for that "
+                "many packets a second. Choose a lower rate, or a sensor with fewer points",
+                self.label or self.sensor.name,
+                late_s,
+            )
+        self.counts[LATE] += 1
 
     def _endless(self) -> Iterator[tuple[Packet, int]]:
         """Packets with stamps that go on over the loops, and their own stamps."""

@@ -88,6 +88,16 @@ def test_replay_can_be_stamped_with_the_time_of_now(capture):
     assert own_ns == [p.stamp_ns for p in open_source(capture).packets()][-1]
 
 
+def test_a_replay_that_cannot_keep_up_says_so_once_and_counts_its_late_packets(caplog):
+    """A simulated VLS-128 took two seconds for each second of its drive, and nothing said why frames were rare."""
+    with open_source("sim:room", realtime=True, speed=1e4) as source:
+        given = list(itertools.takewhile(lambda _: source.counts["late packets"] < 10, source.packets()))
+    assert len(given) > 10
+    warnings = [record.getMessage() for record in caplog.records if record.name == "lidarcodec.sources.pacing"]
+    assert len(warnings) == 1
+    assert "simulated room, seed 1: packets come 2.0 s late" in warnings[0]
+
+
 def test_a_loop_goes_on_with_rising_stamps_until_it_is_closed(capture):
     with open_source(capture, loop=True) as source:
         stamps = []

@@ -20,6 +20,7 @@ NOTICED = {
     "irregular blocks",
     "odd packets",
     "lost packets",
+    "late packets",
     "repeated packets",
     "time jumps",
     "impossible time stamp",

@@ -194,9 +194,16 @@ def summary_line(status: dict[str, Any]) -> str:
         f"{status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
         + f", {status['left_out']} left out to keep the target" * bool(status["left_out"])
+        + late(status)
         + not_kept(status)
         + too_much(status)
     )
+
+
+def late(status: dict[str, Any]) -> str:
+    """How many packets of a replay or simulator came late; an empty text for none."""
+    packets = status["source"].get("late packets", 0)
+    return f", {packets} packets late: this machine is too slow for the rate" * bool(packets)
 
 
 def not_kept(status: dict[str, Any]) -> str:
