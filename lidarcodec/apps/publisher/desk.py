@@ -153,13 +153,16 @@ class Desk:
 
 
 def differing(settings: StreamSettings, others: StreamSettings) -> str:
-    """The settings that differ from others, as on a command line.
+    """The settings that differ from others, in words for a log.
 
     >>> differing(StreamSettings(codec="raw", target_kbps=None), StreamSettings(target_kbps=800))
-    'codec=raw target_kbps=null'
+    'codec=raw, no target_kbps'
     """
     ours, theirs = settings.model_dump(), others.model_dump()
-    found = {name: value for name, value in ours.items() if value != theirs[name]}
-    return " ".join(
-        f"{name}={value if isinstance(value, str) and value else json.dumps(value)}" for name, value in found.items()
-    )
+    return ", ".join(_said(name, value) for name, value in ours.items() if value != theirs[name])
+
+
+def _said(name: str, value: Any) -> str:
+    if value is None:
+        return f"no {name}"
+    return f"{name}={value if isinstance(value, str) and value else json.dumps(value)}"
