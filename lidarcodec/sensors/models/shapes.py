@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 from lidarcodec.sensors.images import PacketLayout
 from lidarcodec.sensors.models.ouster.sensor import bare_sensors
@@ -13,9 +13,21 @@ from lidarcodec.sensors.models.table import OUSTERS, block_sensors
 MAX_MARKS: Final = 16
 """Most bytes by which a packet is recognised."""
 
-Shape = tuple[int, int, int, bool, list[int], bool]
-"""Size of a packet, offset, span and `counts` of its `Turn`, its marks (offset and value in turn), and whether such
-packets are evidence of the sensor that is looked for."""
+
+class Shape(NamedTuple):
+    """What packets of one layout look like. The native receiver takes it as a plain tuple.
+
+    turn_offset, turn_span, turn_counts: those of its `Turn`
+    marks:  offset and value of each byte by which a packet is recognised, in turn
+    wanted: whether such packets are evidence of the sensor that is looked for
+    """
+
+    packet_bytes: int
+    turn_offset: int
+    turn_span: int
+    turn_counts: bool
+    marks: list[int]
+    wanted: bool
 
 
 @cache
@@ -25,7 +37,7 @@ def shapes(wanted: str | None = None) -> tuple[Shape, ...]:
     wanted: the model that is looked for; None: any
     """
     found = (_shape(layout, wanted in (None, model)) for model, layout in _layouts(wanted))
-    return tuple(sorted(found, key=lambda shape: not shape[-1]))  # of two models with one layout, the one wanted
+    return tuple(sorted(found, key=lambda shape: not shape.wanted))  # of two models with one layout, the one wanted
 
 
 def _layouts(wanted: str | None) -> Iterator[tuple[str | None, PacketLayout]]:
@@ -39,4 +51,5 @@ def _layouts(wanted: str | None) -> Iterator[tuple[str | None, PacketLayout]]:
 
 def _shape(layout: PacketLayout, wanted: bool) -> Shape:
     marks = [number for mark in layout.marks[:MAX_MARKS] for number in mark]
-    return layout.packet_bytes, layout.turn.offset, layout.turn.span, layout.turn.counts, marks, wanted
+    turn = layout.turn
+    return Shape(layout.packet_bytes, turn.offset, turn.span, turn.counts, marks, wanted)
