@@ -1,7 +1,7 @@
-"""Where codec `riddle` finds its weights: those of the package, those of a folder by name, and those of a file.
+"""Where codec `riddle` finds its weights: in the package, in a folder of the user's own, or in a file.
 
-A message says by name, the hash of their file, with which weights it is coded. Those of the package are on every
-machine; others travel with the key messages.
+A message names the weights that it is coded with, by the hash of their file. The weights of the package are on every
+machine; others travel in the key messages.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from lidarcodec.network.weight_file import read_weights
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
 EFFORTS: Final = (1, 2, 3, 4)
-"""Without a network, with the small ones, with the large ones, with the largest."""
+"""Code without a network, with the small networks, with the large ones, with the largest."""
 _FOLDER: Final = Path(__file__).parent / "weights"
 SUFFIX: Final = ".lcrw"
+"""Ending of weight files."""
 FOLDER_VARIABLE: Final = "LIDARCODEC_WEIGHTS_DIR"
-"""Names the folder of own weights, for this process and for those that it starts to code in."""
+"""Variable that names the folder of own weights. Coding processes that are started inherit it."""
 
 
 @cache
 def shipped() -> dict[str, Weights]:
     """The weights of the package, by name."""
-    return {weights.name: weights for weights in map(read_weights, sorted(_FOLDER.glob("*.lcrw")))}
+    return {weights.name: weights for weights in map(read_weights, sorted(_FOLDER.glob(f"*{SUFFIX}")))}
 
 
 def shipped_file(name: str) -> bytes | None:
@@ -40,13 +41,13 @@ def shipped_file(name: str) -> bytes | None:
 
 @cache
 def _default() -> Weights:
-    return read_weights(_FOLDER / f"{DEFAULT}.lcrw")
+    return read_weights(_FOLDER / (DEFAULT + SUFFIX))
 
 
 def look_in(folder: Path) -> None:
-    """Look for weights by name in a folder, too, here and in processes that are started from now on.
+    """Look for weights by name in this folder, too: here, and in processes that are started from now on.
 
-    Raises SettingsError when it is not there.
+    Raises SettingsError if the folder does not exist.
     """
     if not folder.is_dir():
         raise SettingsError(f"weights_dir: there is no folder {folder}", "weights_dir")
@@ -54,11 +55,11 @@ def look_in(folder: Path) -> None:
 
 
 def weights_of(given: str) -> Weights:
-    """Those of a name or of a file, read anew each time; by default the package's own.
+    """The weights of a name or a file, read anew each time.
 
-    given: a name is looked for in the package, then in the folder of `look_in`. What has a slash,
-           or the ending of weight files, is a path: only this machine's command line and files may say one
-    Raises UnknownNameError for a name that is nowhere, else as `read_weights`.
+    given: a name is looked for in the package, then in the folder of `look_in`. A text with a slash or with the ending
+           of weight files is a path; only the command line and files of this machine may give one. Empty: the default
+    Raises UnknownNameError for a name that is nowhere, and all that `read_weights` raises.
     """
     if not given:
         return _default()
@@ -73,12 +74,15 @@ def weights_of(given: str) -> Weights:
 
 
 def networks_of(weights: Weights, effort: int) -> list[Net]:
-    """Those of an effort that has some: alone, expecting. Raises UnknownNameError if a kind is missing."""
+    """Two networks of an effort from 2 on: for frames alone, and for frames with an expectation.
+
+    Raises UnknownNameError if the weights lack one of them.
+    """
     return [weights.net(expects=expects, size=effort - EFFORTS[1]) for expects in (False, True)]
 
 
 def native_nets(networks: list[Net]) -> entropy.NativeNets:
-    """Networks as the coder of ranges takes them."""
+    """The networks in the form that the native range coder takes."""
     nets = entropy.NativeNets()
     for net in networks:
         nets.add([layer.given for layer in net.layers])
