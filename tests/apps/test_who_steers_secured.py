@@ -16,8 +16,8 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from tests.apps.streams import Loop
 from tests.conftest import ROOT
+from tests.transport.secured import Secured
 from tests.transport.test_contract import eventually
-from tests.transport.test_secured import Secured
 
 pytest.importorskip("cryptography")
 pytestmark = pytest.mark.timeout(120)

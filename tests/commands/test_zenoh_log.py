@@ -13,8 +13,8 @@ from lidarcodec.commands.running.zenoh_log import MOST_KINDS, Sparse
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Endpoints, open_transport
 from tests.command_line import start
+from tests.transport.secured import deployment
 from tests.transport.test_contract import eventually
-from tests.transport.test_secured import deployment
 
 REFUSED = "received fatal alert: UnknownCA"
 

@@ -10,7 +10,7 @@ from lidarcodec.transport import Endpoints
 from lidarcodec_server.app import create_app
 from tests.apps.streams import Loop
 from tests.server.conftest import STREAM, until
-from tests.transport.test_secured import Secured
+from tests.transport.secured import Secured
 
 pytest.importorskip("cryptography")
 pytestmark = pytest.mark.timeout(120)

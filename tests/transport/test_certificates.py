@@ -16,8 +16,8 @@ from lidarcodec.transport import Endpoints, certificates_of, open_transport
 from lidarcodec.transport.certificates import Certificates, CertificateWatch, Validity, validities
 from tests.apps.streams import Loop
 from tests.command_line import start
+from tests.transport.secured import deployment
 from tests.transport.test_contract import eventually
-from tests.transport.test_secured import deployment
 
 pytest.importorskip("cryptography")
 from cryptography import x509

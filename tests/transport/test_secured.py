@@ -2,57 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import threading
 import time
-from pathlib import Path
 
 import pytest
 
-from lidarcodec.commands.certs import command as certs
-from lidarcodec.errors import TransportError
-from lidarcodec.transport import Endpoints, open_transport, party_of
+from lidarcodec.transport import Endpoints, party_of
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
-from tests.conftest import ROOT
-from tests.transport.conftest import free_port
-from tests.transport.router import Router
+from tests.transport.secured import CAR, OTHER, QUIET_S, Secured, answering
 from tests.transport.test_contract import comes, eventually
 
 pytest.importorskip("cryptography")
 pytestmark = pytest.mark.timeout(120)
-CAR, OTHER = StreamKeys("car-7", "roof"), StreamKeys("car-8", "roof")
-QUIET_S = 0.5
-"""How long something forbidden has to stay away, after what is allowed came through on the same links."""
-
-
-def deployment(folder, auth="certificate", routers=("localhost",), vehicles=("car-7", "car-8"), port=None, days=365):
-    """A folder of configurations, and the port in them."""
-    port = port or free_port()
-    people = {"vehicles": vehicles, "viewers": ["anna", "ben"], "operators": ["olga"]}
-    certs.run(folder, routers=routers, **people, auth=auth, port=port, days=days)
-    return port
-
-
-class Secured:
-    """A deployment with its router running; sessions are opened by the name of their file."""
-
-    def __init__(self, folder: Path, auth: str) -> None:
-        self.folder, self.auth = folder, auth
-        self.port = deployment(folder, auth)
-        self.endpoint = f"tls/localhost:{self.port}"
-        self.router = Router(config=str(folder / "router-localhost.json5"), listen=self.endpoint)
-        self.opened = []
-
-    def open(self, name: str):
-        self.opened.append(open_transport(Endpoints.of(config=self.folder / f"{name}.json5")))
-        return self.opened[-1]
-
-    def close(self) -> None:
-        for one in self.opened:
-            one.close()
-        self.router.kill()
 
 
 @pytest.fixture(scope="module", params=["certificate", "password"])
@@ -70,19 +31,6 @@ def people(secured):
     yield secured.open
     for one in secured.opened[before:]:
         one.close()
-
-
-def answering(car, keys, asked):
-    """Have a vehicle answer its controls; `asked` gets the last part of each key that was."""
-    for key in (
-        keys.control_get,
-        keys.control_set,
-        keys.control_reset,
-        keys.control_keyframe,
-        keys.past,
-        keys.past_mark,
-    ):
-        car.answer(key, lambda data, key=key: asked.append(key.rpartition("/")[2]) or b"yes")
 
 
 def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
@@ -234,215 +182,6 @@ def test_a_wildcard_beyond_what_is_allowed_gets_nothing(people):
     assert not everything
 
 
-def refused(path: Path, change=lambda tls, auth: None) -> None:
-    """Nobody gets in with this configuration, changed in its TLS and user settings; it is tried until it is stopped."""
-    config = json.loads(path.read_text().partition("\n")[2])
-    change(config["transport"]["link"]["tls"], config["transport"].get("auth", {}).get("usrpwd", {}))
-    changed = path.with_name("changed.json5")
-    changed.write_text(json.dumps(config))
-    stop = threading.Event()
-    threading.Timer(0.8, stop.set).start()
-    with pytest.raises(TransportError, match="stopped"):
-        open_transport(Endpoints.of(config=changed), stop=stop).close()
-    changed.unlink()
-
-
-def says(secured: Secured, reason: str, act) -> None:
-    """The router's log gives the reason for what is done."""
-    before = len(secured.router.log)
-    act()
-    assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
-
-
-def foreign(folder: Path, made: Secured) -> Path:
-    """Anna's file of another deployment, whose authority nobody here knows."""
-    other = folder / "other"
-    other.mkdir()
-    deployment(other, made.auth, port=made.port)
-    return other / "viewer-anna.json5"
-
-
-def foreign_but_trusting(folder: Path, made: Secured) -> None:
-    """Who trusts this deployment, with a certificate of another."""
-    own = json.loads(anna(made).read_text().partition("\n")[2])["transport"]["link"]["tls"]
-    key = "root_ca_certificate_base64"
-    refused(foreign(folder, made), lambda tls, auth: tls.update({key: own[key]}))
-
-
-def without_certificate(tls: dict, auth: dict) -> None:
-    del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
-    tls["enable_mtls"] = False
-
-
-def anna(made: Secured) -> Path:
-    return made.folder / "viewer-anna.json5"
-
-
-STRANGERS = [
-    ("certificate", "UnknownCA", lambda folder, made: refused(foreign(folder, made))),
-    ("certificate", "UnknownIssuer", foreign_but_trusting),
-    ("certificate", "peer sent no certificates", lambda folder, made: refused(anna(made), without_certificate)),
-    ("password", "UnknownCA", lambda folder, made: refused(foreign(folder, made))),
-    ("password", "Invalid password", lambda _, made: refused(anna(made), lambda _, auth: auth.update(password="x"))),
-    ("password", "Invalid user", lambda _, made: refused(anna(made), lambda _, auth: auth.update(user="nobody"))),
-    ("password", "UsrPwd", lambda _, made: refused(anna(made), lambda _, auth: auth.clear())),
-]
-
-
-@pytest.mark.parametrize(("auth", "reason", "tried"), STRANGERS)
-def test_strangers_do_not_get_in_and_the_router_says_why(tmp_path, caplog, auth, reason, tried):
-    """Each with a router of its own, because an address that fails a few times is barred."""
-    (tmp_path / "own").mkdir()
-    made = Secured(tmp_path / "own", auth)
-    try:
-        tried(tmp_path, made)
-        assert eventually(lambda: reason in made.router.log), made.router.log
-        assert "again until it works" in caplog.text
-    finally:
-        made.close()
-
-
-def test_who_was_removed_may_do_nothing_any_more(tmp_path):
-    made = Secured(tmp_path, "certificate")
-    try:
-        kept = tmp_path / "kept.json5"
-        shutil.copy(tmp_path / "viewer-anna.json5", kept)
-        certs.run(tmp_path, remove=["anna"], days=30)
-        assert not (tmp_path / "viewer-anna.json5").exists()
-        made.router.kill()
-        made.router = Router(config=str(tmp_path / "router-localhost.json5"), listen=made.endpoint)
-        made.opened.append(anna := open_transport(Endpoints.of(config=kept)))
-        car, ben = made.open("vehicle-car-7"), made.open("viewer-ben")
-        removed, heard = [], []
-        anna.listen(CAR.frame, lambda key, data: removed.append(data))
-        ben.listen(CAR.frame, lambda key, data: heard.append(data))
-        sender = car.sender(CAR.frame, Priority.FRAMES)
-        assert eventually(lambda: sender.matching)
-        assert comes(sender, b"frame", lambda: heard)
-        time.sleep(QUIET_S)
-        assert not removed
-    finally:
-        made.close()
-
-
-def test_rules_hold_on_a_vehicle_that_is_connected_to_directly(tmp_path):
-    port = deployment(tmp_path, routers=(), vehicles=("car-7@localhost",))
-    where = f"tls/localhost:{port}"
-    car = open_transport(Endpoints.of(config=tmp_path / "vehicle-car-7.json5", listen=where))
-    anna, olga = (
-        open_transport(Endpoints.of(config=tmp_path / f"{who}.json5")) for who in ("viewer-anna", "operator-olga")
-    )
-    try:
-        asked, heard = [], []
-        answering(car, CAR, asked)
-        inbox = anna.inbox(CAR.frame)
-        car.listen(CAR.arrived(), lambda key, data: heard.append(key))
-        sender = car.sender(CAR.frame, Priority.FRAMES)
-        assert eventually(lambda: sender.matching)
-        assert comes(sender, b"frame", lambda: inbox.receive_now() == b"frame")
-        assert eventually(lambda: olga.ask(CAR.control_set, b"{}", 2.0) == b"yes")
-        assert anna.ask(CAR.control_set, b"{}", 1.0) is None
-        own, forged = (anna.sender(CAR.arrived(name), Priority.REAL_TIME) for name in ("anna", "olga"))
-        assert eventually(lambda: own.matching)
-
-        def own_is_heard():  # said again: behind what is forged the first may find the link taken, and be dropped
-            forged.put(b"x")
-            own.put(b"x")
-            return heard
-
-        assert eventually(own_is_heard)
-        time.sleep(QUIET_S)
-        assert set(heard) == {CAR.arrived("anna")}
-        assert asked == ["set"]
-    finally:
-        for one in (anna, olga, car):
-            one.close()
-
-
-@pytest.mark.parametrize("auth", ["certificate", "password"])
-def test_a_vehicle_that_keeps_no_rules_speaks_for_no_other_where_there_is_no_router(tmp_path, auth):
-    port, other = free_port(), free_port()
-    deployment(tmp_path, auth, routers=(), vehicles=("car-7@localhost", "car-8@127.0.0.1"), port=port)
-    evil = json.loads((tmp_path / "vehicle-car-8.json5").read_text().partition("\n")[2])
-    evil["access_control"] = {"enabled": False}
-    (tmp_path / "evil.json5").write_text(json.dumps(evil))
-    where = [f"tls/localhost:{port}", f"tls/127.0.0.1:{other}"]
-
-    def opened(name: str, **endpoints):
-        return open_transport(Endpoints.of(config=tmp_path / f"{name}.json5", **endpoints))
-
-    car, liar = opened("vehicle-car-7", listen=where[0]), opened("evil", listen=where[1])
-    anna, olga = opened("viewer-anna", connect=where), opened("operator-olga", connect=where)
-    try:
-        heard, alive, asked, lied = [], [], [], []
-        for keys in (CAR, OTHER):
-            anna.listen(keys.frame, lambda key, data: heard.append(data))
-        anna.watch("lidarcodec/v1/*/*/alive", lambda key, there: alive.append(key))
-        answering(liar, CAR, lied)
-        answering(liar, OTHER, asked)
-        liar.token(CAR.alive)
-        liar.token(OTHER.alive)
-        senders = [(end.sender(keys.frame, Priority.FRAMES), data) for end, keys, data in (
-            (car, CAR, b"true"), (liar, CAR, b"false"), (liar, OTHER, b"own"))]  # fmt: skip
-
-        def own_frames_come():
-            for sender, data in senders:
-                sender.put(data)
-            return {b"true", b"own"} <= set(heard)
-
-        assert eventually(own_frames_come)
-        assert eventually(lambda: olga.ask(OTHER.control_set, b"{}", 2.0) == b"yes")
-        assert olga.ask(CAR.control_set, b"{}", 1.0) is None
-        own_frames_come()
-        time.sleep(QUIET_S)
-        assert set(heard) == {b"true", b"own"}
-        assert (set(alive), set(asked), lied) == ({OTHER.alive}, {"set"}, [])
-    finally:
-        for one in (anna, olga, liar, car):
-            one.close()
-
-
-def test_two_routers_carry_what_one_does(tmp_path):
-    """A vehicle at one router, a viewer at the other; both routers hold the rules."""
-    ports = free_port(), free_port()
-    deployment(tmp_path, routers=("localhost", "127.0.0.1"), port=ports[0])
-    at = [f"tls/localhost:{port}" for port in ports]
-    hub = Router(config=str(tmp_path / "router-localhost.json5"), listen=at[0])
-    far = Router(config=str(tmp_path / "router-127.0.0.1.json5"), listen=at[1], connect=at[0])
-    car = open_transport(Endpoints.of(config=tmp_path / "vehicle-car-7.json5", connect=at[0]))
-    anna = open_transport(Endpoints.of(config=tmp_path / "viewer-anna.json5", connect=at[1]))
-    try:
-        inbox, asked = anna.inbox(CAR.frame), []
-        answering(car, CAR, asked)
-        sender = car.sender(CAR.frame, Priority.FRAMES)
-        assert eventually(lambda: sender.matching)
-        assert comes(sender, b"frame", lambda: inbox.receive_now() == b"frame")
-        assert eventually(lambda: anna.ask(CAR.control_keyframe, b"{}", 2.0) == b"yes")
-        assert anna.ask(CAR.control_set, b"{}", 1.0) is None
-        assert asked == ["keyframe"]
-    finally:
-        for one in (car, anna):
-            one.close()
-        far.kill()
-        hub.kill()
-
-
 def test_a_configuration_knows_whom_it_is_for(secured):
     assert party_of(Endpoints.of(config=secured.folder / "vehicle-car-7.json5")) == ("vehicle", "car-7")
     assert party_of(Endpoints()) is None
-
-
-def test_the_router_that_is_shipped_for_a_trusted_network_carries_a_stream():
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    router = Router(config=str(ROOT / "packaging" / "zenoh-router.json5"), listen=endpoint)
-    car, anna = (open_transport(Endpoints.of(connect=endpoint)) for _ in range(2))
-    try:
-        inbox = anna.inbox(CAR.frame)
-        sender = car.sender(CAR.frame, Priority.FRAMES)
-        assert eventually(lambda: sender.matching)
-        sender.put(bytes(150_000))
-        assert inbox.receive() == bytes(150_000)
-    finally:
-        for one in (car, anna):
-            one.close()
-        router.kill()
