@@ -16,7 +16,8 @@ import numpy as np
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
 from lidarcodec.evaluation.trajectory import voxel_means
-from lidarcodec.maps.localise.search import above_ground, find_pose, standing_at
+from lidarcodec.maps.localise.search import find_pose, standing_at
+from lidarcodec.maps.localise.standing import STANDING, standing_share
 from lidarcodec.maps.localise.tracker import CELL_M, FOUND, TURNS_DEG, WIDE, is_good, lying, turned_by
 from lidarcodec.maps.localise.window import Window
 from lidarcodec.maps.world import Fit, inverse
@@ -31,8 +32,6 @@ NEAR_M, NEAR_SHARE, NEAR_RAD = 1.0, 0.01, np.radians(2.0)
 """They say the same to a metre and a hundredth of the way between them, because the poses of a drive drift."""
 INSIDE_M: Final = 10.0
 """A scan lies in the map if a drive of the map came so near. Farther out the map is of far returns, which err more."""
-STANDING: Final = 0.25
-"""Least share of a sample's returns above the ground that lie in the map. The ground fits in any town."""
 FITTING: Final = 0.8
 """Least share, of the samples that lie in the map, of those that fit."""
 FEWEST: Final = 5
@@ -198,8 +197,7 @@ def _fit(window: Window, sample: Sample, transform: Matrix) -> Tried:
     if world is None:
         return Tried(sample, Fit(pose, np.full((6, 6), np.inf), 0.0, 0.0), 0.0)
     fit = world.fit(sample.cloud, pose, WIDE)
-    standing = world.fit(sample.cloud[above_ground(sample.cloud)], fit.pose, ())
-    return Tried(sample, fit, lying(standing))
+    return Tried(sample, fit, standing_share(world, sample.cloud, fit.pose))
 
 
 def _fits(tried: Tried, transform: Matrix) -> bool:

@@ -52,6 +52,7 @@ class Localiser:
         self._waiting: deque[Scan] = deque()
         self._search_rest, self._hint_rest = _Rest(LONGEST_REST_S), _Rest(LONGEST_HINT_REST_S)
         self._hint: Matrix | None = None
+        self._trying = False
         self.searches = self.given_up = self.hints = self.wrong_hints = 0
 
     def __enter__(self) -> Self:
@@ -128,11 +129,14 @@ class Localiser:
         if hinted and hint is not None:
             self.hints += 1
             self.tracker.propose(hint)
+            self._trying = True
         found = self.tracker.track(scan)
-        if hinted and self.tracker.unknown:
+        if self._trying and self.tracker.unknown:
+            self._trying = False
             self.wrong_hints += 1
             self._hint_rest.begin(scan.stamp_ns)
         elif found.state == "tracking":
+            self._trying = False
             self._hint_rest.end()
         return found
 
@@ -153,6 +157,7 @@ class Localiser:
         """Go on from what a search found, or rest before the next one."""
         fit = search.result()
         if fit is not None:
+            self._trying = False
             self.tracker.found(scan.stamp_ns, fit)
             self._search_rest.end()
         else:

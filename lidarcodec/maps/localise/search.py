@@ -2,8 +2,8 @@
 
 What stands above the ground is seen from above, in cells of 2 m: houses, poles, rails. The scan's cells are laid over
 those of the map at every place and at 72 turns, by correlation with the fast Fourier transform, in blocks of 400 m.
-The best places are registered, coarse to fine. The pose counts if enough of the scan lies in the map there, and clearly
-less at every other place, and in every other direction at this place.
+The best places are registered, coarse to fine. The pose counts if enough of the scan lies in the map there, also of
+what stands above the ground, and clearly less at every other place, and in every other direction at this place.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.localisation.icp import Stage
 from lidarcodec.evaluation.rigid import Matrix
 from lidarcodec.maps.file import TILE_M
+from lidarcodec.maps.localise.standing import GROUND_M, above_ground, is_here
 from lidarcodec.maps.localise.tracker import FOUND, WIDE, is_good, lying, turned_by
 from lidarcodec.maps.localise.window import KEPT_M, Window
 from lidarcodec.maps.world import FEWEST, NEAR, Fit
@@ -28,9 +29,6 @@ BLOCK: Final = 8
 """Width of a block in tiles. Blocks overlap by the reach of a scan."""
 REACH_M: Final = 60.0
 """Farther returns are too far apart."""
-GROUND_M: Final = 6.0
-"""Width of the cells whose lowest point is ground."""
-ABOVE_M: Final = 0.7
 LEAST_CELLS: Final = 20
 BEST_OF_BLOCK: Final = 24
 TRIED: Final = 48
@@ -141,7 +139,7 @@ def _clear(window: Window, cloud: Matrix, fits: list[Fit]) -> Fit | None:
     if world is None:
         return None
     best = world.fit(cloud, fits[0].pose, WIDE)
-    return best if is_good(best, FOUND) else None
+    return best if is_good(best, FOUND) and is_here(world, cloud, best) else None
 
 
 def _cells_of(cloud: Matrix) -> tuple[Matrix, float]:
@@ -157,21 +155,6 @@ def _cells_of(cloud: Matrix) -> tuple[Matrix, float]:
 
 def _ground(points: Matrix) -> float:
     return float(np.percentile(points[:, 2], 10))
-
-
-def above_ground(points: Matrix) -> npt.NDArray[np.bool_]:
-    """(N,) whether points (N, 3) are clearly above the lowest one around."""
-    cells = np.floor(points[:, :2] / GROUND_M).astype(np.int64)
-    cells -= cells.min(axis=0) - 1
-    shape = cells.max(axis=0) + 2
-    lowest = np.full(shape, np.inf)
-    np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
-    around = lowest.copy()
-    for x in (-1, 0, 1):
-        for y in (-1, 0, 1):
-            around = np.minimum(around, np.roll(lowest, (x, y), (0, 1)))
-    above: npt.NDArray[np.bool_] = points[:, 2] > around[cells[:, 0], cells[:, 1]] + ABOVE_M
-    return above
 
 
 def _blocks(window: Window) -> Iterator[tuple[int, int]]:

@@ -6,7 +6,7 @@
 
 A scan is registered from where the last motion leads. It is good if enough of its returns lie in the map, and if the
 pose follows from them: its standard deviation is small in every direction. A pose found by a search or given from
-outside counts once three scans in a row are good.
+outside counts once three scans in a row are good, and what stands above the ground lies in the map, too.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from lidarcodec.evaluation.localisation.icp import COARSE
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3
 from lidarcodec.evaluation.trajectory import Scan, deskewed, near, voxel_means
+from lidarcodec.maps.localise.standing import is_here
 from lidarcodec.maps.localise.window import Window
 from lidarcodec.maps.world import NEAR, Fit, Prior, inverse
 
@@ -170,7 +171,7 @@ class Tracker:
         expected, covariance = known.after(scan.stamp_ns)
         first = known.good == 1
         took = (scan.stamp_ns - known.stamp_ns) * 1e-9
-        fit, world = NOTHING, self._window.around(expected[:3, 3])
+        fit, cloud, world = NOTHING, NO_POINTS, self._window.around(expected[:3, 3])
         if world is not None:
             cloud = self.cloud_of(scan)
             prior = None if first else Prior(expected, inverse(covariance))
@@ -178,7 +179,9 @@ class Tracker:
             if not first and not is_good(fit, known.least):
                 fit = max(fit, world.fit(cloud, expected, WIDE), key=lying)
         step = invert(known.pose) @ fit.pose
-        if is_good(fit, known.least) and np.linalg.norm(step[:3, 3]) < FASTEST_M_S * max(took, 0.05):
+        # not before: a start that is metres off may need two scans to come to its place
+        here = known.good + 1 != CONFIRMING or (world is not None and is_here(world, cloud, fit))
+        if here and is_good(fit, known.least) and np.linalg.norm(step[:3, 3]) < FASTEST_M_S * max(took, 0.05):
             velocity = np.hstack([step[:3, 3], log_so3(step[None, :3, :3])[0]]) / took
             usual = known.usual + FORGETTING * (lying(fit) - known.usual)
             self._known = _Known(scan.stamp_ns, fit.pose, fit.covariance, velocity, usual, known.good + 1)
