@@ -34,6 +34,8 @@ MATCH_M: Final = 1.0
 """A return has a partner in the map if the nearest point is within this distance."""
 CLOSE_M: Final = 0.1
 """A return lies on the map if it is within this distance of the plane of its partner."""
+UPRIGHT: Final = 0.7
+"""A plane stands upright if its normal rises by less than this."""
 LEAST_NOISE_M: Final = 0.01
 INFLATED: Final = 10.0
 """Factor of the covariance: returns side by side err alike, because they meet the same plane of the map. Measured: with
@@ -99,6 +101,12 @@ class MapWorld:
             prior = Prior(near @ prior.pose, prior.information)
         pose = self._aligned(cloud, near @ start, stages, prior)
         return self._judged(cloud, pose, prior)
+
+    def upright(self, cloud: Matrix, pose: Matrix) -> float:
+        """Share of the returns of a cloud (N, 3) that lie on planes of the map that stand upright."""
+        off, slopes = self._matched(cloud, invert(self._middle) @ pose, MATCH_M)
+        on_wall = (np.abs(off) < CLOSE_M) & (np.abs(slopes[:, 2]) < UPRIGHT)
+        return float(np.count_nonzero(on_wall) / max(len(cloud), 1))
 
     def _aligned(self, cloud: Matrix, pose: Matrix, stages: Schedule, prior: Prior | None) -> Matrix:
         for stage in stages if len(cloud) >= FEWEST else ():

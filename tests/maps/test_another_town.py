@@ -24,6 +24,19 @@ def test_a_start_given_in_another_town_gives_no_pose(map_file):
         assert set(states(localiser, elsewhere, map(way, range(6)))) == {"searching"}
 
 
+def test_banks_that_fit_in_another_town_are_not_enough(tmp_path):
+    """Every second strip of the ground is a metre higher, here as there: only walls say which town it is."""
+    both = [town(80.0, 20, seed=seed) for seed in (3, 8)]
+    for points in both:
+        ground = (points.xyz[:, 2] < 0.1) & (points.xyz[:, 0] // 8 % 2 == 1)
+        points.steps[ground, 2] += 50
+    path = written(tmp_path / "banks.lcmap", both[0])
+    for points, known in zip(both, (True, False), strict=True):
+        with Localiser(path) as localiser:
+            localiser.start(20.0, 20.0, 0.0)
+            assert ("tracking" in states(localiser, points.xyz, map(way, range(6)))) is known
+
+
 def test_odometry_of_another_world_gives_no_pose(map_file):
     elsewhere = town(80.0, 20, seed=9).xyz
     with Localiser(map_file) as localiser:

@@ -20,6 +20,8 @@ GROUND_M: Final = 6.0
 ABOVE_M: Final = 0.7
 STANDING: Final = 0.25
 """Least share of a scan's returns above the ground that lie in the map."""
+UPRIGHT: Final = 0.1
+"""The same on walls, poles and trunks: banks and kerbs fit elsewhere, too."""
 MUCH: Final = 0.125
 """Share of returns above the ground from which on they are asked: on an open road they are of the traffic, mostly."""
 
@@ -49,7 +51,8 @@ def is_here(world: MapWorld, cloud: Matrix, fit: Fit) -> bool:
     """Whether what stands around a registered scan stands in the map, too; also where too little stands to say so."""
     if len(cloud) < FEWEST:
         return False
-    standing = np.count_nonzero(above_ground(moved(fit.pose, cloud)))
-    if standing < max(FEWEST, MUCH * len(cloud)):
+    standing = cloud[above_ground(moved(fit.pose, cloud))]
+    if len(standing) < max(FEWEST, MUCH * len(cloud)):
         return True
-    return standing_share(world, cloud, fit.pose) >= STANDING
+    found = world.fit(standing, fit.pose, ())
+    return found.share * found.partners >= STANDING and world.upright(standing, fit.pose) >= UPRIGHT
