@@ -14,7 +14,8 @@ from typing import Any, Final
 from lidarcodec.packet import Packet
 
 SECONDS: Final = 40.0
-MIN_SECONDS, MAX_SECONDS = 1.0, 600.0
+MAX_SECONDS: Final = 600.0
+"""Usual and greatest length of a segment."""
 MAX_FRAMES: Final = 20_000
 """Most frames of a segment: a frame may be one packet."""
 _GAP_NS: Final = 5 * 10**9

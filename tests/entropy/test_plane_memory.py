@@ -17,7 +17,6 @@ from tests.reference import planes as reference
 from tests.sweeps import sampled
 
 Planes = dict[str, Unsigned]
-Shift = npt.NDArray[np.int32]
 
 
 def runs_of(columns: int, before: int, rng: np.random.Generator) -> npt.NDArray[np.uint32]:

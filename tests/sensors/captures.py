@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import lzma
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,6 @@ import numpy.typing as npt
 
 from lidarcodec.sources.captures.pcap import Ending
 from lidarcodec.sources.captures.source import stamped_datagrams
-
-DataFile = Callable[[str], Path]
 
 CAPTURES = {
     "vlp16": "sensors/velodyne/vlp16.pcap.xz",
