@@ -66,7 +66,7 @@ class Choosing(Protocol):
 class FrameEncoder(Generic[Own]):
     """Frames to messages, one each. Holds the settings in force and when the last key message was.
 
-    model: of the codec's own settings; content: codes the frames
+    model: class of the codec's own settings; content: codes the frames
     plain_calibration: send the calibration table uncompressed
 
     Raises SettingsError.
@@ -141,7 +141,7 @@ class FrameEncoder(Generic[Own]):
         ]
 
     def decoded_ranges(self) -> npt.NDArray[np.uint16] | None:
-        """As of `Layered` in base.py."""
+        """The ranges of the last frame as a decoder gets them; None if its codec has no refinements."""
         return None if self._ranges is None else self._ranges()
 
     def flush(self) -> list[Message]:
@@ -169,7 +169,7 @@ class Independent(Generic[Own]):
 
     code_ranges: gives the RANGE section; grouped_intensity: code intensities fast instead of small (intensity.py)
     mask_history: whether masks refer to masks since the last key message, by the codec's own settings
-    layered: whether the codec quantises as ranges/quantise.py, so that refinements can be coded of its ranges
+    layered: whether the codec quantises as ranges/quantise.py does, so that refinements of its ranges can be coded
     """
 
     _settings: InForce[Own]
@@ -233,7 +233,10 @@ def independent_encoder(
     mask_history: Callable[[Own], bool] = lambda _: False,
     layered: bool = False,
 ) -> Callable[[int, StreamSettings, int], Encoder]:
-    """Makes the encoders of a codec that codes the ranges of each frame alone; all else as of `Independent`."""
+    """Function that makes encoders of a codec that codes the ranges of each frame independently.
+
+    All arguments but `model` are those of `Independent`.
+    """
 
     def make(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
         content = Independent(

@@ -17,6 +17,10 @@ def number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
+def _mm(metres: float | None, digits: int) -> str:
+    return number(None if metres is None else 1e3 * metres, digits)
+
+
 def label(result: Result) -> str:
     """The codec and its settings that are not defaults, for one line of a table; for a peer all its settings."""
     if is_peer(result["codec"]):
@@ -42,10 +46,8 @@ def packets_word(identical: bool | None) -> str:
 
 def _more_columns() -> dict[str, Callable[[Result], str]]:
     return {
-        "chamfer mm": lambda r: number(None if r["chamfer_m"] is None else r["chamfer_m"] * 1e3, 2),
-        "filled mm": lambda r: number(
-            1e3 * r["filled"]["chamfer_m"] if r["filled"]["chamfer_m"] is not None else None, 2
-        ),
+        "chamfer mm": lambda r: _mm(r["chamfer_m"], 2),
+        "filled mm": lambda r: _mm(r["filled"]["chamfer_m"], 2),
         "plane dB": lambda r: number(r["point_to_plane_psnr_db"], 2),
         "D1 dB": lambda r: number(r["d1_psnr_db"], 2),
         "D2 dB": lambda r: number(r["d2_psnr_db"], 2),
@@ -73,8 +75,8 @@ COLUMNS: dict[str, Callable[[Result], str]] = {
     "total": lambda r: number(r["bits_per_point"]["total"], 2),
     "ratio": lambda r: number(r["ratio"], 2),
     "kbit/s": lambda r: number(r["kbps_at_10hz"], 0),
-    "rmse mm": lambda r: number(None if r["rmse_m"] is None else r["rmse_m"] * 1e3, 2),
-    "max mm": lambda r: number(None if r["max_error_m"] is None else r["max_error_m"] * 1e3, 0),
+    "rmse mm": lambda r: _mm(r["rmse_m"], 2),
+    "max mm": lambda r: _mm(r["max_error_m"], 0),
     "packets": lambda r: packets_word(r["packets_identical"]),
     "encode ms": lambda r: number(r["encode_ms"]["p50"], 1),
     "decode ms": lambda r: number(r["decode_ms"]["p50"], 1),
@@ -102,8 +104,8 @@ def text_table(results: Sequence[Result]) -> str:
 def aligned(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
     """Lines of a table. The first row is the head. The first column is left-aligned, the others are right-aligned.
 
-    width: of the lines, if they are to have one: columns that do not fit follow in further tables, each with the first
-    column
+    width: most characters in a line; None for no limit. Columns that do not fit follow in further tables. Each of them
+           begins with the first column
 
     >>> aligned([["a", "one", "two"], ["b", "1", "2"]], 6)
     ['a  one', 'b    1', '', 'a  two', 'b    2']

@@ -36,7 +36,7 @@ const NAMES: Readonly<Record<number, string>> = {
   9: "h264-log",
 };
 const DECODED_HERE: ReadonlySet<number> = new Set([Codec.raw, Codec.zstd, Codec.pcodec, Codec.predictive, Codec.riddle]);
-/** Results that are kept, for panels that ask for a message again: of a few panels, and half a megabyte each. */
+/** Most results that are kept for panels that ask for a message again. Each takes half a megabyte. */
 const KEPT = 8;
 
 /** Throws DecodeError for a codec that is not decoded here, with its name. */
@@ -60,7 +60,7 @@ export class Core {
     this.#weights = new Map(weights.map((file) => [hex(sha256(file).subarray(0, 8)), file]));
   }
 
-  /** Throws DecodeError where they are not here. */
+  /** The weight file of this name. Throws DecodeError if it is not here. */
   weights(name: string): Uint8Array {
     const file = this.#weights.get(name);
     if (file) return file;
@@ -120,7 +120,7 @@ export class CodedStream {
       this.#referable.took(message, true, message.planes);
       return decoded;
     } catch (error) {
-      this.#forget(); // it left the module in the middle of something
+      this.#forget(); // the module may be in the middle of a message
       return asDecodeError(error);
     }
   }

@@ -15,7 +15,7 @@ export interface Lattice {
   readonly columns: Uint16Array;
 }
 
-/** How to make the whole frame from the narrow one; null for a frame that is not thinned. Skips the side information. */
+/** Which columns of the whole frame were sent; null for a frame that is not thinned. Skips the side information. */
 export function latticeOf(message: Message): Lattice | null {
   const data = message.section(Section.LATTICE);
   return data === null ? null : readLattice(data, message.planes ? null : message.width);
@@ -78,14 +78,14 @@ export function widenedAzimuth(narrow: Uint16Array, { width, columns }: Lattice)
       const more = i + 1 < count;
       const gap = (more ? columns[i + 1] : width) - columns[i];
       const way = more ? ((narrow[half * count + i + 1] - here + TURN + TURN / 2) % TURN) - TURN / 2 : 0;
-      for (let place = 0; place < gap; place++) wide[half * width + columns[i] + place] = turned(here, way * place, gap);
+      for (let place = 0; place < gap; place++) wide[half * width + columns[i] + place] = interpolated(here, way * place, gap);
       if (i === 0) wide.fill(here, half * width, half * width + columns[0]);
     }
   return wide;
 }
 
 /** here + way / gap as an angle, rounded half to even. */
-function turned(here: number, way: number, gap: number): number {
+function interpolated(here: number, way: number, gap: number): number {
   const twice = 2 * way + gap;
   let value = here + Math.floor(twice / (2 * gap));
   if (twice % (2 * gap) === 0 && value % 2 !== 0) value--;

@@ -15,7 +15,7 @@ function fraction(root: number): number {
   return ((root - Math.floor(root)) * 2 ** 32) >>> 0;
 }
 
-function turned(x: number, by: number): number {
+function rotatedRight(x: number, by: number): number {
   return (x >>> by) | (x << (32 - by));
 }
 
@@ -31,15 +31,15 @@ export function sha256(data: Uint8Array): Uint8Array {
   for (let block = 0; block < padded.length; block += 64) {
     for (let i = 0; i < 16; i++) w[i] = view.getUint32(block + 4 * i);
     for (let i = 16; i < 64; i++) {
-      const a = turned(w[i - 15], 7) ^ turned(w[i - 15], 18) ^ (w[i - 15] >>> 3);
-      const b = turned(w[i - 2], 17) ^ turned(w[i - 2], 19) ^ (w[i - 2] >>> 10);
+      const a = rotatedRight(w[i - 15], 7) ^ rotatedRight(w[i - 15], 18) ^ (w[i - 15] >>> 3);
+      const b = rotatedRight(w[i - 2], 17) ^ rotatedRight(w[i - 2], 19) ^ (w[i - 2] >>> 10);
       w[i] = w[i - 16] + a + w[i - 7] + b;
     }
     let [a, b, c, d, e, f, g, h] = state;
     for (let i = 0; i < 64; i++) {
-      const one = turned(e, 6) ^ turned(e, 11) ^ turned(e, 25);
+      const one = rotatedRight(e, 6) ^ rotatedRight(e, 11) ^ rotatedRight(e, 25);
       const t1 = (h + one + ((e & f) ^ (~e & g)) + ROUND[i] + w[i]) | 0;
-      const zero = turned(a, 2) ^ turned(a, 13) ^ turned(a, 22);
+      const zero = rotatedRight(a, 2) ^ rotatedRight(a, 13) ^ rotatedRight(a, 22);
       const t2 = (zero + ((a & b) ^ (a & c) ^ (b & c))) | 0;
       [h, g, f, e, d, c, b, a] = [g, f, e, (d + t1) | 0, c, b, a, (t1 + t2) | 0];
     }

@@ -3,6 +3,7 @@
 import { DecodeError, damaged } from "./errors.js";
 
 const WORD = 2 ** 32;
+/** Zero bytes that are read behind the end of a stream: an encoder leaves them out. */
 const UNDERSTOOD_ZEROS = 8;
 
 export class WideDecoder {
@@ -44,8 +45,8 @@ export class WideDecoder {
       this.#rangeHigh = boundHigh;
       this.#rangeLow = boundLow;
     } else {
-      [this.#codeHigh, this.#codeLow] = less(this.#codeHigh, this.#codeLow, boundHigh, boundLow);
-      [this.#rangeHigh, this.#rangeLow] = less(this.#rangeHigh, this.#rangeLow, boundHigh, boundLow);
+      [this.#codeHigh, this.#codeLow] = minus(this.#codeHigh, this.#codeLow, boundHigh, boundLow);
+      [this.#rangeHigh, this.#rangeLow] = minus(this.#rangeHigh, this.#rangeLow, boundHigh, boundLow);
     }
     if (this.#rangeHigh === 0) {
       this.#rangeHigh = this.#rangeLow;
@@ -75,6 +76,6 @@ export class WideDecoder {
   }
 }
 
-function less(high: number, low: number, byHigh: number, byLow: number): [number, number] {
+function minus(high: number, low: number, byHigh: number, byLow: number): [number, number] {
   return low < byLow ? [high - byHigh - 1, low + WORD - byLow] : [high - byHigh, low - byLow];
 }

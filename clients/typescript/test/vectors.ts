@@ -25,7 +25,8 @@ export interface Expected {
   pose: number[] | null;
   mount?: number[];
   points: number[][];
-  /** Of a thinned frame: its columns, and the images with what is made up between them: which, ranges, intensities. */
+  /** Of a thinned frame: its sent columns, the number of interpolated returns, and digests of the filled images (which
+   * returns were interpolated, ranges, intensities). */
   lattice?: string;
   made_up?: number;
   filled?: [string, string, string];
@@ -90,17 +91,17 @@ function split(data: Uint8Array): Uint8Array[] {
   return found;
 }
 
-/** Those of other sensors than an HDL-64E whose name fits, without `other_`. */
+/** The vectors of other sensors than an HDL-64E whose name, without `other_`, matches. */
 export function otherVectors(fits: RegExp): Vector<ExpectedOther>[] {
   return read<ExpectedOther>((name) => name.startsWith("other_") && fits.test(name.slice(6)));
 }
 
-/** Those of an HDL-64E whose name fits. */
+/** The vectors of an HDL-64E whose name matches. */
 export function vectors(fits: RegExp): Vector[] {
   return read<Expected>((name) => !name.startsWith("other_") && fits.test(name));
 }
 
-/** Those of point clouds whose name fits. */
+/** The vectors of point clouds whose name matches. */
 export function cloudVectors(fits: RegExp): Vector<ExpectedCloud>[] {
   return read<ExpectedCloud>((name) => fits.test(name), "point_clouds");
 }

@@ -17,8 +17,8 @@ from lidarcodec.evaluation.rigid import Matrix
 Places = npt.NDArray[np.intp]
 NEIGHBOURS: Final = 24
 SALIENT_RATIO: Final = 0.975
-ONE_IN_M: Final = 0.25
-"""Non-maximum suppression of both: only the best point in a cell of this size is a keypoint."""
+CELL_M: Final = 0.25
+"""Side of the cells of non-maximum suppression: only the best point of a cell is a keypoint."""
 HARRIS_K: Final = 0.04
 
 
@@ -44,7 +44,7 @@ def iss(points: Matrix, count: int) -> Places:
 
 
 def _best(points: Matrix, score: Matrix, order: Places, count: int) -> Places:
-    cell = np.floor(points[order] / ONE_IN_M).astype(np.int64) + (1 << 20)
+    cell = np.floor(points[order] / CELL_M).astype(np.int64) + (1 << 20)
     keys = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
     best = order[np.unique(keys, return_index=True)[1]]
     return np.sort(best[np.argsort(-score[best], kind="stable")[:count]])

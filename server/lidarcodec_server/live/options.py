@@ -58,7 +58,7 @@ class FramesOptions:
 
 @dataclass(frozen=True)
 class CloudOptions:
-    """encoding: form, attributes, number of points;  rate: most frames a second, None for all;  window: as above"""
+    """rate: most frames a second, None for all;  window: that of `FramesOptions`"""
 
     encoding: Encoding
     rate: float | None = None

@@ -7,7 +7,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection, Engine
 
-from lidarcodec_server.store.patience import never_for_ever
+from lidarcodec_server.store.patience import close_stuck_connections
 
 BUSY_S: Final = 5.0
 """How long to wait for a lock, a connection or a statement."""
@@ -27,7 +27,7 @@ def engine_of(url: sa.URL) -> Engine:
         limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
     engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
     if limits:
-        never_for_ever(engine)
+        close_stuck_connections(engine)
     return engine
 
 

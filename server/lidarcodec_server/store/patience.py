@@ -29,7 +29,7 @@ REST_S: Final = 5.0
 _SHUT, _TIMER = "shut", "timer"
 
 
-def never_for_ever(engine: Engine) -> None:
+def close_stuck_connections(engine: Engine) -> None:
     """Close connections that are in use for longer than STUCK_S, and test each connection before its use."""
 
     def connects(connection: Any, record: Any) -> None:

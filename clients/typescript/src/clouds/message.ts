@@ -23,16 +23,16 @@ export interface CloudField {
 
 /** What stands before the points. */
 export interface CloudHead {
-  /** Its bytes. */
+  /** Bytes of the head. */
   readonly size: number;
   readonly height: number;
   readonly width: number;
   readonly fields: readonly CloudField[];
-  /** Of the points. */
+  /** Byte order of the points. */
   readonly bigEndian: boolean;
   readonly pointStep: number;
   readonly rowStep: number;
-  /** Of all rows of points. */
+  /** Bytes of all rows of points. */
   readonly dataBytes: number;
 }
 
@@ -42,7 +42,7 @@ export function bytesOf(type: number): number {
   return BYTES[type]!;
 }
 
-/** The field of one value of that name, of two the first. */
+/** The first field of this name that has one value a point. */
 export function namedField(head: CloudHead, name: string): CloudField | undefined {
   return head.fields.find((field) => field.name === name && field.count === 1);
 }
@@ -125,7 +125,7 @@ export class CloudMessage {
     const found = arrayOf(type, this.points * count);
     const to = new Uint8Array(found.buffer);
     const bytes = bytesOf(type);
-    const flip = bigEndian === LITTLE_ENDIAN ? bytes - 1 : 0; // of the place of a byte in its value
+    const flip = bigEndian === LITTLE_ENDIAN ? bytes - 1 : 0; // reverses the bytes of a value
     let next = 0;
     for (let row = 0; row < height; row++)
       for (let point = 0; point < width; point++) {
@@ -136,7 +136,7 @@ export class CloudMessage {
   }
 }
 
-/** Of this machine. */
+/** Byte order of this machine. */
 const LITTLE_ENDIAN = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
 
 function arrayOf(type: number, size: number): Values {

@@ -12,6 +12,8 @@ import type { DescribedSensor } from "./calibration.js";
 import { MOST_NUMBERS, type Plane, readPlaneSection } from "./planes.js";
 import { type Rest, readRest } from "./rest.js";
 
+const POINT_CLOUD = "pointcloud2";
+
 /** A frame as the sensor saw it: planes of `rows` rows, the highest beam first, and W columns, row after row. */
 export interface ImageFrame {
   readonly streamId: bigint;
@@ -24,12 +26,12 @@ export interface ImageFrame {
   readonly width: number;
   /** The first is `range`, in range steps, 0 = no return; none if all packets are odd. */
   readonly planes: readonly Plane[];
-  /** First returns. */
+  /** Number of first returns. */
   readonly returns: number;
   readonly rest: Rest;
-  /** Of a point cloud (model `pointcloud2`), which has no planes and no columns: its message. */
+  /** The message of a point cloud (model `pointcloud2`), which has no planes and no columns; null for other models. */
   readonly cloud: Cloud | null;
-  /** The columns that were sent where the frame was thinned to some, ascending; else null. */
+  /** The columns that were sent of a thinned frame, ascending; null for a whole frame. */
   readonly lattice: Uint16Array | null;
   /** T_world_sensor at the stamp, first three rows; null if the vehicle does not know it. */
   readonly pose: Float64Array | null;
@@ -64,8 +66,6 @@ export function readImageFrame(message: Message, sensors: SensorBook<DescribedSe
   const frame = { streamId, index, stampNs, codec, sensor, rows: sensor.rows, width, planes, returns, rest, cloud: null };
   return { ...frame, lattice: columns, pose: readPose(message) };
 }
-
-const POINT_CLOUD = "pointcloud2";
 
 /** The frame of a message with a CLOUD section, whose planes `readPlanes` reads. */
 export function readCloudFrame(message: Message, sensors: SensorBook<DescribedSensor>, readPlanes: ReadPlanes): CloudFrame {

@@ -36,7 +36,7 @@ def layouts_of_size(packet_bytes: int) -> tuple[OusterLayout, ...]:
 
 
 def layout_of(payload: bytes) -> OusterLayout | None:
-    """The layout of a packet of 16 columns; None if it does not look like one, as the IMU packets of 48 bytes."""
+    """The layout of a packet of 16 columns; None for other bytes, such as the 48 of an IMU packet."""
     packet = np.frombuffer(payload, np.uint8)[None]
     likely = [layout for layout in layouts_of_size(len(payload)) if is_likely(layout, packet)]
     if len(likely) > 1:
@@ -66,9 +66,9 @@ def is_likely(layout: OusterLayout, packet: Bytes) -> bool:
 
 
 def _has_signal(packet: Bytes) -> bool:
-    """Whether most of every 16 bytes of the pixels have a signal or near infrared where DUAL has them.
+    """Whether most pixels, taken as those of DUAL with 16 bytes each, have a signal or near infrared.
 
-    Where pixels are of 4 bytes, these are the ranges of two of four pixels.
+    If pixels have 4 bytes, the bytes looked at are the ranges of two pixels in four.
     """
     columns = packet[0, 32:-32].reshape(16, -1)
     words = columns[:, 12:].reshape(-1, 4, 4)
