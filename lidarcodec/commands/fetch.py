@@ -57,12 +57,12 @@ def run(
     check_quality(quality)
     now_ns = time.time_ns()
     begin, end = (absolute(text, now_ns, field) for field, text in zip(("from", "to"), span, strict=True))
-    if (begin, end) != span:
-        sys.stderr.write(f"the clip is --from {begin} --to {end}; write it so to continue after a cut\n")
     clip = Clip(StreamKeys.parse(key), *span_of(begin, end, now_ns=now_ns))
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"{out}: a clip is a recording, so its name must end in .mcap", "out")
     check_free(out, force=force)
+    if (begin, end) != span:
+        sys.stderr.write(f"the clip is --from {begin} --to {end}; write it so to continue after a cut\n")
     endpoints = endpoints_of(given)
     store = PieceStore(beside(out, ".fetching", folder=True))
     stop = threading.Event()

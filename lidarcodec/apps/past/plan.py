@@ -35,7 +35,9 @@ class Clip:
     def __post_init__(self) -> None:
         """Raises SettingsError if there is no such span."""
         if not 0 <= self.from_ns < self.to_ns < 2**63:
-            raise SettingsError("the clip must end after it begins", "to")
+            raise SettingsError(
+                "the clip must end after it begins: give a time for `to` that is later than that of `from`", "to"
+            )
         if self.to_ns - self.from_ns > MAX_CLIP_NS:
             raise SettingsError(f"a clip has at most {MAX_CLIP_NS // 10**9} s: fetch several", "to")
 

@@ -51,7 +51,7 @@ def localisation(
         ),
     ] = None,
     keep_points: Annotated[
-        str, Option("--keep-points", metavar="N[,N...]", help="Returns kept of each frame. Default: 9000.")
+        str, Option("--keep-points", metavar="N[,N...]", help="Returns kept of each frame.")
     ] = "9000",
     frame_bytes: Annotated[
         int | None,

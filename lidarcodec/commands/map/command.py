@@ -206,7 +206,7 @@ def fetch(
     ] = None,
     patience: Annotated[
         float,
-        Option("--patience", min=1.0, max=1e6, metavar="S", help="Give up when nobody answers for S s. Default: 60."),
+        Option("--patience", min=1.0, max=1e6, metavar="S", help="Give up when nobody answers for S s."),
     ] = 60.0,
     force: Force = False,
     connect: Connect = None,

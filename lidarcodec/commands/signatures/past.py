@@ -22,7 +22,7 @@ def fetch(
         Option(
             "--from",
             metavar="TIME",
-            help="Begin of the clip: RFC 3339, seconds before now such as -30, or nanoseconds since 1970.",
+            help="Start of the clip: RFC 3339, seconds before now such as -30, or nanoseconds since 1970.",
         ),
     ],
     end: Annotated[str, Option("--to", metavar="TIME", help="End of the clip, at most an hour later; or `now`.")],
@@ -35,7 +35,7 @@ def fetch(
             min=1.0,
             max=1e6,
             metavar="S",
-            help="Give up when the vehicle is silent for S s. Default: 600.",
+            help="Give up when the vehicle is silent for S s.",
         ),
     ] = 600.0,
     force: Force = False,

@@ -76,6 +76,7 @@ def test_a_clip_of_a_running_vehicle_holds_its_packets(tmp_path: Path, capfd: py
         (("--to", "12:45"), "not '12:45'. Also -30 for 30 s before now, and now"),
         (("--to", "2026-11-26T11:00:00Z"), "must end after it begins"),
         (("--to", "2026-11-26T14:00:00Z"), "at most 3600 s"),
+        (("--to", "now"), "at most 3600 s"),
         (("--to", "2226-11-26T14:00:00Z"), "ten minutes after now"),
         (("--to", "2026-11-26T12:01:00Z", "--quality", "base"), "exact packets only"),
         (("--to", "10"), "write -10 for 10 s before now"),
