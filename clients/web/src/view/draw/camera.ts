@@ -40,9 +40,7 @@ export class Camera {
   /** Stand where this kind of camera begins. */
   reset(kind: Kind, at_once = false): void {
     this.kind = kind;
-    Object.assign(this.#goal, STANDS[kind]);
-    // the shorter way round
-    this.#now.yaw += 2 * Math.PI * Math.round((this.#goal.yaw - this.#now.yaw) / (2 * Math.PI));
+    this.send(STANDS[kind]);
     if (at_once) Object.assign(this.#now, this.#goal);
   }
 
