@@ -53,14 +53,19 @@ def several() -> bytes:
     return message(points, counts={"normal": 3})
 
 
-def absolute_times() -> bytes:
-    """Float64 coordinates, and times in seconds since the epoch, as of some drivers."""
+def absolute_times(begin_s: float = 1_700_000_000.0, unit: float = 1.0, *, gaps: bool = False) -> bytes:
+    """Float64 coordinates, and times since the epoch, as of some drivers: in seconds, or `unit` to the second.
+
+    gaps: some points have no time, and one has nonsense
+    """
     points = velodyne(100)
     dtype = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("ring", "<u2"), ("timestamp", "<f8")]
     found = np.zeros(len(points), dtype)
     for name in ("x", "y", "z", "ring"):
         found[name] = points[name]
-    found["timestamp"] = 1_700_000_000.0 + points["time"]
+    found["timestamp"] = (begin_s + points["time"].astype(np.float64)) * unit
+    if gaps:
+        found["timestamp"][3:6] = 0.0, np.nan, 1e300
     return message(found)
 
 
@@ -80,6 +85,10 @@ CLOUDS = {
     "all nan": message(np.full(64, np.nan, [("x", "<f4"), ("y", "<f4"), ("z", "<f4")])),
     "several": several(),
     "float64": absolute_times(),
+    "times in ns": absolute_times(unit=1e9),
+    "times of another clock": absolute_times(1234.5),
+    "times in ns of another clock": absolute_times(1234.5, 1e9),
+    "times with gaps": absolute_times(gaps=True),
     "empty": message(velodyne()[:0]),
     "one point": message(velodyne()[:1]),
     "two points": message(velodyne()[:2]),

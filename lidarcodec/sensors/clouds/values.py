@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.sensors.clouds.message import CloudMessage
+
+LATEST_S: Final = 1e10
+"""Absolute times beyond this are in ns: in seconds it is the year 2286."""
+AWAY_S: Final = 1000.0
+"""Absolute times farther than this from that of the message are of another clock; from one another, of none."""
 
 
 def intensity_of(message: CloudMessage) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
@@ -32,8 +39,8 @@ def intensity_of(message: CloudMessage) -> npt.NDArray[np.uint8] | npt.NDArray[n
 def times_ns(message: CloudMessage) -> npt.NDArray[np.int64]:
     """(N,) time of each point after that of the message, by the fields of drivers; 0 without one.
 
-    `time` float32 in seconds (velodyne), `t` and `time_stamp` uint32 in ns (ouster-ros, nebula), `timestamp` float64 in
-    seconds since the epoch (hesai, robosense)
+    `time` float32 in seconds (velodyne), `t` and `time_stamp` uint32 in ns (ouster-ros, nebula), `timestamp` float64
+    since the epoch, in seconds (hesai, robosense) or in ns (livox)
     """
     for name in ("time", "t", "time_stamp", "timestamp"):
         found = message.values(name)
@@ -44,6 +51,22 @@ def times_ns(message: CloudMessage) -> npt.NDArray[np.int64]:
         with np.errstate(invalid="ignore"):
             seconds = np.nan_to_num(found.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
         if name == "timestamp":
-            seconds = seconds - message.head.stamp_ns * 1e-9
+            seconds = _after(seconds, message.head.stamp_ns * 1e-9)
         return np.rint(np.clip(seconds, -1e6, 1e6) * 1e9).astype(np.int64)
     return np.zeros(message.head.points, np.int64)
+
+
+def _after(times: npt.NDArray[np.float64], begin_s: float) -> npt.NDArray[np.float64]:
+    """(N,) seconds of absolute times after that of the message. Those of another clock, as of a sensor that nobody set,
+    count from the earliest one; 0 where there is no time."""
+    known = times != 0.0
+    if not known.any():
+        return np.zeros(len(times))
+    at = (int(np.count_nonzero(known)) - 1) // 2
+    middle = float(np.partition(times[known], at)[at])
+    if abs(middle) > LATEST_S:
+        times, middle = times / 1e9, middle / 1e9
+    known &= np.abs(times - middle) <= AWAY_S
+    if abs(middle - begin_s) > AWAY_S:
+        begin_s = float(times[known].min())
+    return np.where(known, times - begin_s, 0.0)

@@ -2,12 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
+#include <utility>
 
 namespace lidarcodec {
 namespace {
 
 constexpr std::size_t kLookedAt = 8192;
 constexpr double kMostLevel = 65'535, kMostSeconds = 1e6, kSecondNs = 1e9;
+// Absolute times beyond the first are in ns; farther than the second from that of the message, they are of another
+// clock, and from one another of none.
+constexpr double kLatestSeconds = 1e10, kAwaySeconds = 1000;
 
 double finite(double value) { return std::isfinite(value) ? value : 0.0; }
 
@@ -90,19 +95,41 @@ std::vector<std::uint32_t> intensities_of(const CloudPoints& points) {
   return found;
 }
 
+// Seconds of absolute times after that of the message. Those of another clock, as of a sensor that nobody set, count
+// from the earliest one; 0 where there is no time.
+std::vector<double> after(std::vector<double> times, double begin) {
+  std::vector<double> known;
+  for (const double time : times)
+    if (time != 0) known.push_back(time);
+  if (known.empty()) return times;
+  const auto at = known.begin() + static_cast<std::ptrdiff_t>((known.size() - 1) / 2);
+  std::nth_element(known.begin(), at, known.end());
+  const double unit = std::abs(*at) > kLatestSeconds ? kSecondNs : 1.0, middle = *at / unit;
+  const auto is_known = [&](double time) { return time != 0 && std::abs(time / unit - middle) <= kAwaySeconds; };
+  if (std::abs(middle - begin) > kAwaySeconds) {
+    begin = middle;
+    for (const double time : times)
+      if (is_known(time)) begin = std::min(begin, time / unit);
+  }
+  for (double& time : times) time = is_known(time) ? time / unit - begin : 0.0;
+  return times;
+}
+
 // Time of each point after that of the message, by the fields of drivers; 0 without one.
 std::vector<std::int64_t> times_of(const CloudPoints& points) {
   std::vector<std::int64_t> found(points.size());
   for (const char* const name : {"time", "t", "time_stamp", "timestamp"}) {
     const CloudField* const field = points.head().named(name);
     if (field == nullptr) continue;
-    const bool absolute = std::string_view(name) == "timestamp";
-    const double begin = absolute ? static_cast<double>(points.head().stamp_ns) * 1e-9 : 0.0;
-    for (std::size_t i = 0; i < found.size(); ++i) {
-      const double value = points.number(*field, i);
-      const double seconds = std::clamp(finite(value) - begin, -kMostSeconds, kMostSeconds);
-      found[i] = static_cast<std::int64_t>(field->is_float() ? std::nearbyint(seconds * kSecondNs) : value);
+    std::vector<double> values(found.size());
+    for (std::size_t i = 0; i < found.size(); ++i) values[i] = points.number(*field, i);
+    if (field->is_float()) {
+      for (double& value : values) value = finite(value);
+      if (std::string_view(name) == "timestamp")
+        values = after(std::move(values), static_cast<double>(points.head().stamp_ns) * 1e-9);
+      for (double& value : values) value = std::nearbyint(std::clamp(value, -kMostSeconds, kMostSeconds) * kSecondNs);
     }
+    for (std::size_t i = 0; i < found.size(); ++i) found[i] = static_cast<std::int64_t>(values[i]);
     break;
   }
   return found;
