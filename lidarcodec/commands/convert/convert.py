@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
@@ -13,7 +12,7 @@ from lidarcodec.assembly.any_sensor import TurnWatch
 from lidarcodec.assembly.rotation import RotationWatch
 from lidarcodec.commands import encode
 from lidarcodec.commands.capture_records import named_beside, said_beside
-from lidarcodec.commands.convert.described import check_beside, write_beside
+from lidarcodec.commands.convert.described import check_beside, needs_file, write_beside
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, open_output
 from lidarcodec.commands.outputs.table import BAG_FILES
 from lidarcodec.commands.progress import progress
@@ -25,24 +24,19 @@ from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns, turns_of
 from lidarcodec.commands.unkept import say_unkept
-from lidarcodec.errors import CalibrationError, SettingsError, SourceError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.recording.rosbag import METADATA
 from lidarcodec.sensor_model import POINTCLOUD2, SensorModel
-from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sensors.models.table import PACKETS, aside_name
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.described import description_of
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
-from lidarcodec.sources.unit_calibration import is_generic
 from lidarcodec.units import FRAME_PACKETS, counted
 
 logger = logging.getLogger(__name__)
-
-CALIBRATION = "db.xml"
-IN_THE_STREAM = ("generic", "stream")
-"""Origins of calibrations that are not written to a file: generic tables, and tables inside the packets."""
 
 
 def run(
@@ -106,11 +100,10 @@ def run(
                 "to",
             )
         read = parse(spec).path
-        beside = _calibration_file(
-            out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
-        )
-        of_others = bool(out.suffix) and not source.sensor.is_hdl64e
-        other = check_beside(out, source.sensor, force=force) if of_others else None
+        described = bool(out.suffix) or source.sensor.is_hdl64e
+        beside = None
+        if described:
+            beside = check_beside(out, source.sensor, force=force, source=read if read.is_file() else None)
         of, watch = _turning(source.sensor, spec, numbered=frames is not None or skip > 0)
         turns = Turns(selection.in_time(source.packets()), stopped, tick, of, frames, watch)
         turns.pass_over(skip)
@@ -127,20 +120,17 @@ def run(
             said = writer.close()
         part = turns.cut or (source.live and stopped() and frames is not None and not turns.complete)
         # The calibration file of a stopped command is next to OUT, not next to the part that was kept.
-        if part and beside is None and _needs_file(wanted.form, source.sensor):
-            beside = _calibration_of(out)
+        if part and described and beside is None:
+            beside = description_of(source.sensor)
+        if beside is not None and not needs_file(source.sensor, turns.packets):
+            beside = None
         if beside is not None:
-            inside = beside.parent == out
-            place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
-            place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
-        if other is not None:
-            write_beside(output, other)
+            write_beside(output, beside)
         if part:
             output.only_part()
     _say_left_out(source, clouds=wanted.clouds)
     kept = output.kept or out
-    tables = [_calibration_of(kept)] if beside is not None and beside.parent != out else []
-    tables += [named_beside(kept, other[0])] if other is not None else []
+    tables = [named_beside(kept, beside[0])] if beside is not None and out.suffix else []
     _tell(kept, wanted.form, turns, source.sensor, said, tables, as_json)
     _check_left_out(writer, kept)
     if part:
@@ -230,45 +220,6 @@ def ros_topic(topic: str) -> str:
     if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
         raise SettingsError(f"--topic {topic} is not a ROS name: write /parts/of_letters_and_digits", "topic")
     return topic
-
-
-def _needs_file(form: Form, sensor: SensorModel) -> bool:
-    """Whether readers need a calibration beside the output. A generic one would no longer be known as such."""
-    in_the_stream = sensor.origin in IN_THE_STREAM or is_generic(sensor)
-    return form != "recording" and sensor.is_hdl64e and not in_the_stream
-
-
-def _calibration_file(
-    out: Path, form: Form, sensor: SensorModel, force: bool, beside_input: Path | None
-) -> Path | None:
-    """Path for the calibration next to OUT, where readers find it; None if it is not needed or already there.
-
-    beside_input: path of the source's own calibration file, if it has one; it is never replaced
-    Raises SettingsError if there is already another calibration.
-    """
-    if not _needs_file(form, sensor):
-        return None
-    if not out.suffix:
-        return out / CALIBRATION
-    path = _calibration_of(out)
-    if not os.path.lexists(path):
-        check_free(path)
-        return path
-    try:
-        same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
-    except CalibrationError:
-        same = False
-    if same:
-        return None
-    if not force:
-        raise SettingsError(f"{path} exists and holds another calibration: use --force to replace it", "force")
-    if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
-        raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
-    return path
-
-
-def _calibration_of(out: Path) -> Path:
-    return out.with_name(f"{out.stem}_{CALIBRATION}")
 
 
 @contextmanager
