@@ -45,7 +45,8 @@ class WideEncoder {
   // A one or a zero, 0 or 1. `make_room` comes first.
   void encode(WideInterval& interval, std::uint32_t bit, std::uint32_t probability) {
     const std::uint64_t bound = (interval.range >> kWideProbabilityBits) * probability;
-    const std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask, because a branch would often be mispredicted
+    std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask, because a branch would often be mispredicted
+    asm("" : "+r"(zero));                         // and compilers that know what it is make a branch of it
     const std::uint64_t skipped = bound & zero;
     interval.at += skipped;
     if (interval.at < skipped) [[unlikely]]

@@ -87,9 +87,7 @@ class PlaneStream {
       p[v] = probabilities(sum);
       p[v].store(chance.data() + 8 * v);
     }
-    std::uint32_t node = 1;
-    for (int level = Levels - 1; level >= 0; --level)
-      node = 2 * node + bit(leaf >> level & 1u, static_cast<std::uint32_t>(chance[node]));
+    const std::uint32_t node = way<Levels>(leaf, chance.data());
     const Walk& walk = kWalks[node];
     for (std::size_t v = 0; v < vectors; ++v) {
       const Cells by =
@@ -115,9 +113,7 @@ class PlaneStream {
       p[v] = probabilities(sum);
       p[v].store(chance.data() + 8 * v);
     }
-    std::uint32_t node = 1;
-    for (int level = Levels - 1; level >= 0; --level)
-      node = 2 * node + bit(leaf >> level & 1u, static_cast<std::uint32_t>(chance[node]));
+    const std::uint32_t node = way<Levels>(leaf, chance.data());
     const Walk& walk = kWalks[node];
     for (std::size_t v = 0; v < vectors; ++v) {
       const Cells wanted = Cells::load(walk.wanted.data() + 8 * v), taken = Cells::load(walk.taken.data() + 8 * v);
@@ -134,6 +130,33 @@ class PlaneStream {
 
  private:
   static constexpr std::int16_t kWeightRate = 2000;
+
+  // The end of the way to a leaf, by the probability of each node. Nobody else sees the interval meanwhile, so that it
+  // stays in registers: each decision waits for the one before it. A reader looks up both next probabilities before.
+  template <int Levels>
+  std::uint32_t way(std::uint32_t leaf, const std::int16_t* chance) {
+    WideInterval at = at_;
+    std::uint32_t node = 1;
+    if constexpr (kReads) {
+      auto p = static_cast<std::uint32_t>(chance[1]);
+      for (int level = 1; level < Levels; ++level) {
+        const auto even = static_cast<std::uint32_t>(chance[2 * node]);
+        const auto odd = static_cast<std::uint32_t>(chance[2 * node + 1]);
+        const std::uint32_t bit = coder_.decode(at, p);
+        p = even ^ ((even ^ odd) & (0u - bit));
+        node = 2 * node + bit;
+      }
+      node = 2 * node + coder_.decode(at, p);
+    } else {
+      for (int level = Levels - 1; level >= 0; --level) {
+        const std::uint32_t bit = leaf >> level & 1u;
+        coder_.encode(at, bit, static_cast<std::uint32_t>(chance[node]));
+        node = 2 * node + bit;
+      }
+    }
+    at_ = at;
+    return node;
+  }
 
   // As `probabilities` of cells.hpp, of one sum.
   static int probability_of(int sum) {

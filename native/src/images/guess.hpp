@@ -38,8 +38,8 @@ inline constexpr auto kWeightShares = [] {
 
 // The clamped gradient: the middle one of left, above, and left + above - left_above.
 inline std::int32_t clamped_gradient(std::int32_t left, std::int32_t above, std::int32_t left_above) {
-  const auto [low, high] = std::minmax(left, above);
-  return std::clamp(left + above - left_above, low, high);
+  const std::int32_t low = std::min(left, above), high = std::max(left, above);
+  return std::min(std::max(left + above - left_above, low), high);
 }
 
 struct Guess {

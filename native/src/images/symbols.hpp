@@ -40,15 +40,15 @@ class SymbolCoder {
 
   // The cells of a context. Most contexts never come in a small frame, and their cells are not made.
   Cells* record(std::uint32_t context) {
-    std::uint16_t& place = place_[context];
-    if (place == 0) {
-      if (made_ % kBlock == 0) blocks_.push_back(std::make_unique<Cells[]>(kBlock * kRecord));
-      place = ++made_;
-      if (context < kSizes[0]) expect(at(place), 4 * (context / 4) + 2);
-    }
-    return at(place);
+    Cells* const found = of_[context];
+    return found != nullptr ? found : make(context);
   }
-  Cells* at(std::size_t place) { return &blocks_[(place - 1) / kBlock][(place - 1) % kBlock * kRecord]; }
+  [[gnu::noinline]] Cells* make(std::uint32_t context) {
+    if (made_ % kBlock == 0) blocks_.push_back(std::make_unique<Cells[]>(kBlock * kRecord));
+    Cells* const cells = &blocks_.back()[made_++ % kBlock * kRecord];
+    if (context < kSizes[0]) expect(cells, 4 * (context / 4) + 2);
+    return of_[context] = cells;
+  }
 
   // Log odds that decrease on both sides of `centre`, by a factor of e in 32 leaves.
   static void expect(Cells* cells, std::uint32_t centre) {
@@ -67,8 +67,8 @@ class SymbolCoder {
     std::memcpy(static_cast<void*>(cells), odds.data(), sizeof odds);
   }
 
-  std::uint16_t made_ = 0;
-  std::array<std::uint16_t, kBegin[N]> place_{};  // of each context's record, from 1 on; 0: it was not made yet
+  std::size_t made_ = 0;
+  std::array<Cells*, kBegin[N]> of_{};  // of each context, in blocks; null: its cells were not made yet
   std::vector<std::unique_ptr<Cells[]>> blocks_;
 };
 
