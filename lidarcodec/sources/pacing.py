@@ -85,8 +85,8 @@ class PacedSource(PacketSource):
     def _late(self, late_s: float) -> None:
         if not self.counts[LATE]:
             logger.warning(
-                "%s: packets come %.1f s late, and later and later if this goes on: this machine is too slow for that "
-                "many packets a second. Choose a lower rate, or a sensor with fewer points",
+                "%s: packets come %.1f s late, because this machine does not keep up with the rate. Choose a lower "
+                "one, or a sensor with fewer points",
                 self.label or self.sensor.name,
                 late_s,
             )
