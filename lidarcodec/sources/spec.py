@@ -59,7 +59,7 @@ class Spec:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise SourceError(f"source option {name}={text}: write a number from {low:g} to {high:g}")
+            raise SourceError(f"source option {name}={text}: write a number from {low:.12g} to {high:.12g}")
         return value
 
     def whole(self, name: str, low: int, high: int) -> int | None:

@@ -53,6 +53,8 @@ def test_errors_say_what_is_wrong(tmp_path, capture):
         open_source(f"{capture}?prot=1")
     with pytest.raises(SourceError, match="port=many: write a number from 1 to 65535"):
         open_source(f"{capture}?port=many")
+    with pytest.raises(SourceError, match=r"frames=0: write a number from 1 to 1000000000$"):
+        open_source("sim:city?frames=0")
     with pytest.raises(SourceError, match=r"port=1.5: write a whole number"):
         open_source(f"{capture}?port=1.5")
     with pytest.raises(SourceError, match="does not exist"):
