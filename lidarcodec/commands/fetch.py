@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.apps.past.clip import write_clip
-from lidarcodec.apps.past.fetch import CancelledError, Fetch
+from lidarcodec.apps.past.fetch import RECORDING, CancelledError, Fetch
 from lidarcodec.apps.past.plan import Clip, Plan
 from lidarcodec.apps.past.times import check_quality, span_of
 from lidarcodec.commands.endpoints import Given, endpoints_of
@@ -140,7 +140,7 @@ class _Progress:
 
     def __call__(self) -> str:
         state = self._fetch.state()
-        if state["listed"] or state["pieces"]:
+        if state["listed"] or state["pieces"] or state["waiting"] == RECORDING:
             self._since_s = None
         if self._since_s is not None and time.monotonic() - self._since_s > ABSENT_S:
             self._since_s = None

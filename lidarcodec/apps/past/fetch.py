@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from lidarcodec.apps.past.answers import HEAD, PART
 from lidarcodec.apps.past.plan import Clip, Plan
+from lidarcodec.apps.past.times import MAX_AHEAD_NS
 from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.files.piece_store import PieceStore
 from lidarcodec.recording.pieces import Piece
@@ -30,8 +31,12 @@ logger = logging.getLogger(__name__)
 
 FRESH_S: Final = 5.0
 """How long the newest pieces are waited for, after the vehicle has told of no new ones."""
+RECORDING: Final = "for the vehicle to record the rest"
+"""What a fetch waits for while the vehicle answers, and its newest pieces end before the clip."""
 GROWN_NS: Final = 10**9
 """The vehicle has recorded more when the end of its newest piece is so much later."""
+FAR_NS: Final = MAX_AHEAD_NS + 60 * 10**9
+"""Nobody may ask for a clip that ends so far ahead. The clock of a vehicle that has so much to record yet is behind."""
 STUCK_S: Final = 60.0
 """Longest time in which a vehicle may answer without bringing the fetch on."""
 LEAST_PART: Final = 1024
@@ -144,11 +149,13 @@ class Fetch:
                 continue
             until = until_ns if isinstance(until_ns, int) and not isinstance(until_ns, bool) else -1
             if until >= until_before + GROWN_NS:
+                if until_before >= 0 and clip.to_ns - until > FAR_NS:
+                    break
                 until_before, fresh_s = until, time.monotonic()
                 self._gained_s = fresh_s
             if until >= clip.to_ns or time.monotonic() - fresh_s > FRESH_S:
                 break
-            self.waiting = "for the vehicle to record the rest"
+            self.waiting = RECORDING
             self._pause(1.0)
         self.waiting = None
         if not self.plan.pieces:
