@@ -49,3 +49,17 @@ def test_a_part_has_its_table_though_an_older_output_left_another(tmp_path: Path
     write_db_xml(made.sensor(), tmp_path / "all_db.xml")
     refused = run_here("convert", capture, tmp_path / "all.pcap")
     assert (refused.returncode, "another calibration" in refused.stderr) == (2, True)
+
+
+def test_parts_that_cut_made_have_it_where_they_are_too_short(tmp_path: Path, capture: Path) -> None:
+    """Their clouds were those of a generic calibration."""
+    assert run_here("cut", capture, tmp_path / "part.pcap", "--every", 0.3).returncode == 0
+    parts = sorted(tmp_path.glob("*.pcap"))
+    assert len(parts) >= 3
+    for path in parts:
+        with open_source(capture) as whole, open_source(path) as part:
+            assert np.array_equal(whole.sensor.calibration.table, part.sensor.calibration.table)
+    assert run_here("join", *parts, tmp_path / "again.pcap").returncode == 0
+    assert (tmp_path / "again.pcap").read_bytes() == capture.read_bytes()
+    assert run_here("cut", capture, tmp_path / "all.pcap", "--from", 0).returncode == 0
+    assert not (tmp_path / "all_db.xml").exists()
