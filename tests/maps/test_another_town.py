@@ -68,3 +68,19 @@ def test_an_open_road_with_its_traffic_is_found(tmp_path):
         localiser.start(20.0, 20.0, 0.0)
         seen = np.concatenate([flat, posts, cars])
         assert states(localiser, seen, [pose_at(20 + number, 20, 0) for number in range(4)])[-1] == "tracking"
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_on_an_open_road_at_30_m_s_it_is_where_it_is(tmp_path, seed):
+    """It was `tracking` at the place of the start, good to centimetres, while the vehicle went on: 20 m off."""
+    flat, walls = (TOWN.xyz[side] for side in (TOWN.xyz[:, 2] < 0.1, TOWN.xyz[:, 2] > 0.1))
+    posts = walls[np.random.default_rng(seed).permutation(len(walls))[: len(flat) // 20]]
+    chosen = np.flatnonzero((TOWN.xyz[:, 2] < 0.1) | np.isin(TOWN.xyz, posts).all(axis=1))
+    path = written(tmp_path / "road.lcmap", TOWN.taken(chosen))
+    with Localiser(path) as localiser:
+        localiser.start(15.0, 20.0, 0.0)
+        for number in range(8):
+            pose = pose_at(15 + 3 * number, 20, 0)
+            found = localiser.take(scan_at(pose, number, np.concatenate([flat, posts])))[-1].pose
+            assert found is None or off_m(found, pose) < 0.1
+    assert found is not None

@@ -17,11 +17,11 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from lidarcodec.evaluation.localisation.icp import COARSE
-from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3
+from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
 from lidarcodec.evaluation.trajectory import Scan, deskewed, near, voxel_means
-from lidarcodec.maps.localise.standing import is_here
+from lidarcodec.maps.localise.standing import above_ground, is_here
 from lidarcodec.maps.localise.window import Window
-from lidarcodec.maps.world import NEAR, Fit, Prior, inverse
+from lidarcodec.maps.world import NEAR, Fit, MapWorld, Prior, inverse
 
 State = Literal["searching", "tracking", "lost"]
 CELL_M: Final = 0.5
@@ -46,6 +46,8 @@ GAP_S: Final = 5.0
 ACCELERATION: Final = (5.0, 2.0)
 """m/s^2 and rad/s^2 that a vehicle may have against the model of constant velocity."""
 FASTEST_M_S: Final = 80.0
+SPEEDS_M_S: Final = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, -8.0)
+"""Speeds that are tried between the first two scans."""
 TURNS_DEG: Final = (0.0, -12.0, 12.0)
 """Turns of a proposed pose that are tried."""
 WIDE: Final = (*COARSE[:3], *NEAR)
@@ -174,8 +176,10 @@ class Tracker:
         fit, cloud, world = NOTHING, NO_POINTS, self._window.around(expected[:3, 3])
         if world is not None:
             cloud = self.cloud_of(scan)
-            prior = None if first else Prior(expected, inverse(covariance))
-            fit = world.fit(cloud, expected, WIDE if first else NEAR, prior)
+            if first:
+                fit = _moving(world, cloud, expected, took)
+            else:
+                fit = world.fit(cloud, expected, NEAR, Prior(expected, inverse(covariance)))
             if not first and not is_good(fit, known.least):
                 fit = max(fit, world.fit(cloud, expected, WIDE), key=lying)
         step = invert(known.pose) @ fit.pose
@@ -201,6 +205,22 @@ class Tracker:
             self._state = "lost"
             self.lost_times += 1
             self.propose(known.pose)
+
+
+def _moving(world: MapWorld, cloud: Matrix, pose: Matrix, took: float) -> Fit:
+    """A cloud a moment after the pose of the scan before, of a vehicle of unknown speed: the best of several speeds.
+
+    On an open road a scan lies nearly as well where the vehicle was before. What stands beside the road tells.
+    """
+    best, most = NOTHING, -1.0
+    for speed in SPEEDS_M_S:
+        ahead = np.eye(4)
+        ahead[0, 3] = speed * took
+        fit = world.fit(cloud, pose @ ahead, WIDE)
+        score = lying(fit) + world.upright(cloud[above_ground(moved(fit.pose, cloud))], fit.pose)
+        if score > most:
+            best, most = fit, score
+    return best
 
 
 NO_POINTS: Final = np.empty((0, 3))
