@@ -195,7 +195,7 @@ def _fit(window: Window, sample: Sample, transform: Matrix) -> Tried:
     pose = _expected(sample, transform)
     world = window.around(pose[:3, 3])
     if world is None:
-        return Tried(sample, Fit(pose, np.full((6, 6), np.inf), 0.0, 0.0), 0.0)
+        return Tried(sample, Fit(pose, np.full((6, 6), np.inf), 0.0, 0.0, 0), 0.0)
     fit = world.fit(sample.cloud, pose, WIDE)
     return Tried(sample, fit, standing_share(world, sample.cloud, fit.pose))
 

@@ -36,6 +36,8 @@ CLOSE_M: Final = 0.1
 """A return lies on the map if it is within this distance of the plane of its partner."""
 UPRIGHT: Final = 0.7
 """A plane stands upright if its normal rises by less than this."""
+FACES: Final = 0.3
+"""A plane faces a direction if that part of its normal lies along it."""
 LEAST_NOISE_M: Final = 0.01
 INFLATED: Final = 10.0
 """Factor of the covariance: returns side by side err alike, because they meet the same plane of the map. Measured: with
@@ -59,12 +61,14 @@ class Fit(NamedTuple):
     covariance: (6, 6) of position in m and rotation vector in rad, both along the axes of the map
     share: of the returns that have a partner, those that lie on the map, 0 to 1
     partners: share of all returns that have a partner
+    facing: returns that lie on planes of the map that face the direction in which the position is least certain
     """
 
     pose: Matrix
     covariance: Matrix
     share: float
     partners: float
+    facing: int
 
 
 class MapWorld:
@@ -95,7 +99,7 @@ class MapWorld:
     def fit(self, cloud: Matrix, start: Matrix, stages: Schedule, prior: Prior | None = None) -> Fit:
         """The registered cloud (N, 3). Of one with fewer than 50 points, `start` with an infinite covariance."""
         if len(cloud) < FEWEST:
-            return Fit(start, np.full((6, 6), np.inf), 0.0, 0.0)
+            return Fit(start, np.full((6, 6), np.inf), 0.0, 0.0, 0)
         near = invert(self._middle)
         if prior is not None:
             prior = Prior(near @ prior.pose, prior.information)
@@ -151,15 +155,17 @@ class MapWorld:
         off, slopes = self._matched(cloud, pose, MATCH_M)
         back: Matrix = self._middle @ pose
         if len(off) < FEWEST:
-            return Fit(back, np.full((6, 6), np.inf), 0.0, len(off) / len(cloud))
+            return Fit(back, np.full((6, 6), np.inf), 0.0, len(off) / len(cloud), 0)
         close = np.abs(off) < CLOSE_M
         on_map = np.count_nonzero(close)
         system, _ = _system(off, slopes, close.astype(np.float64))
         variance = max(float((off[close] ** 2).mean()) if on_map else np.inf, LEAST_NOISE_M**2)
         information = system / (INFLATED * variance) + 1e-9 * np.eye(6)
+        weakest = np.linalg.eigh(inverse(information)[:3, :3])[1][:, -1]
+        facing = int(np.count_nonzero(close & (np.abs(slopes[:, :3] @ weakest) > FACES)))
         if prior is not None:
             information += prior.information
-        return Fit(back, inverse(information), float(on_map / len(off)), len(off) / len(cloud))
+        return Fit(back, inverse(information), float(on_map / len(off)), len(off) / len(cloud), facing)
 
 
 def inverse(matrix: Matrix) -> Matrix:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.maps.localise.localiser import Localiser
+from lidarcodec.maps.points import packed_normals
 from tests.maps.test_localise import TOWN, off_m, pose_at, scan_at, way, written
 from tests.maps.towns import town
 
@@ -84,3 +85,16 @@ def test_on_an_open_road_at_30_m_s_it_is_where_it_is(tmp_path, seed):
             found = localiser.take(scan_at(pose, number, np.concatenate([flat, posts])))[-1].pose
             assert found is None or off_m(found, pose) < 0.1
     assert found is not None
+
+
+def test_ground_alone_tells_no_place(tmp_path):
+    """Its bumps passed for certainty along the road: a pose good to centimetres, anywhere."""
+    ground = town(80.0, 0, seed=3)
+    up = np.random.default_rng(1).normal((0, 0, 1), (0.05, 0.05, 0), (len(ground), 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    ground.columns.update(zip(("normal_a", "normal_b"), packed_normals(up), strict=True))
+    path = written(tmp_path / "plain.lcmap", ground)
+    with Localiser(path) as localiser:
+        localiser.start(20.0, 20.0, 0.0)
+        poses = [pose_at(20 + number, 20, 0) for number in range(5)]
+        assert set(states(localiser, ground.xyz, poses)) == {"searching"}

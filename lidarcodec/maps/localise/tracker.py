@@ -37,6 +37,9 @@ FORGETTING: Final = 0.05
 """Weight of the last scan in what is usual."""
 MOST_SIGMA_M: Final = 0.5
 """Largest standard deviation of the position, in the worst direction."""
+FACING: Final = 8
+"""Fewest returns from which the position follows in the worst direction, as along an open road. A few planes that face
+it, or many that nearly lie in it, agree with wrong places as well, and the standard deviation does not tell."""
 CONFIRMING: Final = 3
 """Good scans in a row from which on a new pose counts."""
 MISSES: Final = 5
@@ -224,7 +227,7 @@ def _moving(world: MapWorld, cloud: Matrix, pose: Matrix, took: float) -> Fit:
 
 
 NO_POINTS: Final = np.empty((0, 3))
-NOTHING: Final = Fit(np.eye(4), np.full((6, 6), np.inf), 0.0, 0.0)
+NOTHING: Final = Fit(np.eye(4), np.full((6, 6), np.inf), 0.0, 0.0, 0)
 
 
 def turned_by(degrees: float) -> Matrix:
@@ -248,4 +251,4 @@ def sigma_m(covariance: Matrix) -> float:
 
 def is_good(fit: Fit, least: float) -> bool:
     """Whether enough of the scan lies in the map, and the pose follows from it."""
-    return lying(fit) >= least and sigma_m(fit.covariance) <= MOST_SIGMA_M
+    return lying(fit) >= least and sigma_m(fit.covariance) <= MOST_SIGMA_M and fit.facing >= FACING
