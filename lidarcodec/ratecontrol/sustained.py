@@ -136,9 +136,9 @@ def rate_of_two(slowest: tuple[float, float], smaller: tuple[float, float]) -> f
 
     Two messages of different size determine a delay and a rate. slowest, smaller: bits and seconds of each
     """
-    if smaller[0] > SMALLER * slowest[0]:
-        return None
     fewer, quicker_s = slowest[0] - smaller[0], max(slowest[1] - smaller[1], 1e-4)
+    if fewer <= 0.0 or smaller[0] > SMALLER * slowest[0]:
+        return None
     delay_s = smaller[1] - quicker_s * smaller[0] / fewer
     return fewer / quicker_s if delay_s > IN_VAIN * smaller[1] else None
 

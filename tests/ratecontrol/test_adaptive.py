@@ -137,6 +137,15 @@ def test_small_messages_that_tell_nothing_take_nothing_away():
     assert target == pytest.approx(SHARE * 20_000)
 
 
+def test_messages_without_bits_tell_no_rate():
+    """Two late ones in a row ended the controller with a division by zero."""
+    state = PathState()
+    given_up = Landing(0.0, 0.0, 0.0, landed=False)
+    for landing in [given_up, given_up, Landing(1.0, 0.0, 0.0), Landing(0.0, 1.0, 0.0), Landing(0.0, 1.0, 0.0)]:
+        state, target = adapted(state, landing)
+    assert MIN_KBPS <= target <= MAX_KBPS
+
+
 SECONDS, BITS, COUNT = st.floats(-10.0, 100.0), st.floats(0, 1e10), st.integers(0, 1000)
 LANDING = st.builds(Landing, BITS, SECONDS, SECONDS, st.floats(0, 10.0), st.booleans(), COUNT, st.booleans())
 
