@@ -31,13 +31,13 @@ class CarriedPoses:
 
     def taken(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """The frames, from the beginning of a recording. One is read ahead, so that a pose can lie between two."""
-        self._known.clear()
         self.count = 0
         before: Frame | None = None
         for frame in frames:
             if frame.pose is not None:
                 self.count += 1
                 self._known[frame.stamp_ns] = frame.pose
+                self._known.move_to_end(frame.stamp_ns)  # a recording that is played in a loop comes again
                 if len(self._known) > REMEMBERED:
                     self._known.popitem(last=False)
             if before is not None:

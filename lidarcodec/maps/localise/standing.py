@@ -20,7 +20,7 @@ GROUND_M: Final = 6.0
 ABOVE_M: Final = 0.7
 STANDING: Final = 0.25
 """Least share of a scan's returns above the ground that lie in the map."""
-UPRIGHT: Final = 0.15
+ON_UPRIGHT: Final = 0.15
 """The same on walls, poles and trunks: banks and kerbs fit elsewhere, too."""
 MUCH: Final = 0.125
 """Share of returns above the ground from which on they are asked: on an open road they are of the traffic, mostly."""
@@ -55,4 +55,4 @@ def is_here(world: MapWorld, cloud: Matrix, fit: Fit) -> bool:
     if len(standing) < max(FEWEST, MUCH * len(cloud)):
         return True
     found = world.fit(standing, fit.pose, ())
-    return found.share * found.partners >= STANDING and world.upright(standing, fit.pose) >= UPRIGHT
+    return found.share * found.partners >= STANDING and world.upright(standing, fit.pose) >= ON_UPRIGHT
