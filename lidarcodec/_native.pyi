@@ -284,7 +284,7 @@ class PredictiveCoder:
     ) -> NDArray[numpy.uint16]: ...
 
 def encode_planes(
-    planes: Sequence[NDArray[numpy.uint32]],
+    planes: Sequence[NDArray[numpy.unsignedinteger]],
     forms: NDArray[numpy.uint8],
     shift: NDArray[numpy.int32],
     step: int,
@@ -301,7 +301,7 @@ class PlaneMemory:
     def columns(self) -> int: ...
     def encode(
         self,
-        planes: Sequence[NDArray[numpy.uint32]],
+        planes: Sequence[NDArray[numpy.unsignedinteger]],
         forms: NDArray[numpy.uint8],
         shift: NDArray[numpy.int32],
         step: int,

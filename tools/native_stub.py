@@ -15,7 +15,8 @@ HEAD = (
     '"""Types of the native core, by tools/native_stub.py; the docstring of each function is in native/bindings."""\n'
 )
 ARRAY = re.compile(r"Annotated\[(NDArray\[[\w.]+\]), dict\((?:writable=False|.*?device='cpu'(?:, writable=False)?)\)\]")
-ANY_ARRAY = "Annotated[NDArray, dict(writable=False)]"  # of unsigned numbers, of 8 to 64 bits
+ANY_ARRAY = re.compile(r"Annotated\[NDArray, dict\((?:writable=False|.*?device='cpu', writable=False)\)\]")
+"""Of unsigned numbers, of 8 to 64 bits."""
 
 
 def stub() -> str:
@@ -26,7 +27,7 @@ def stub() -> str:
 
     generator = StubGen(module, include_docstrings=False, quiet=True)
     generator.put(module)
-    text = ARRAY.sub(r"\1", generator.get().replace(ANY_ARRAY, "NDArray[numpy.unsignedinteger]"))
+    text = ARRAY.sub(r"\1", ANY_ARRAY.sub("NDArray[numpy.unsignedinteger]", generator.get()))
     text = re.sub(r"^from typing import Annotated\n", "", text, flags=re.MULTILINE)
     ruff = [sys.executable, "-m", "ruff", "format", "-", "--stdin-filename", str(STUB)]
     return subprocess.run(ruff, input=HEAD + text, capture_output=True, text=True, check=True).stdout

@@ -56,7 +56,7 @@ def encode_planes(
     Raises SettingsError if shapes, bits and forms do not fit together.
     """
     ordered = in_order(forms)
-    images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
+    images = [np.ascontiguousarray(planes[form.name]) for form in ordered]
     return _native.encode_planes(images, form_table(ordered), np.ascontiguousarray(shift, np.int32), step, quick)
 
 
@@ -113,7 +113,7 @@ class PlaneMemory:
         Raises SettingsError if shapes, bits, forms and runs do not fit together.
         """
         ordered = in_order(forms)
-        images = [np.ascontiguousarray(planes[form.name], np.uint32) for form in ordered]
+        images = [np.ascontiguousarray(planes[form.name]) for form in ordered]
         given = np.zeros((0, 2), np.uint32) if runs is None else np.ascontiguousarray(runs, np.uint32)
         beams, azimuth, metre = view or _NO_VIEW
         return self._native.encode(

@@ -29,13 +29,26 @@ lc::PlaneFrame frame_of(std::size_t rows, std::size_t columns, const In<std::uin
   return frame;
 }
 
-// Images of planes, (H, W) each. Raises Settings unless all have one shape.
-std::vector<lc::PlaneImage> images_of(const std::vector<In<std::uint32_t, 2>>& planes, const lc::PlaneFrame& frame) {
+// Read-only, (H, W), C-contiguous, of unsigned integers of 8, 16 or 32 bits.
+using AnyPlane = nb::ndarray<nb::ro, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+template <typename T>
+bool append_if(std::vector<lc::PlaneImage>& images, const AnyPlane& plane) {
+  if (plane.dtype() != nb::dtype<T>()) return false;
+  const T* const cells = static_cast<const T*>(plane.data());
+  images.emplace_back(cells, cells + plane.size());
+  return true;
+}
+
+// Images of planes. Raises Settings unless all have one shape.
+std::vector<lc::PlaneImage> images_of(const std::vector<AnyPlane>& planes, const lc::PlaneFrame& frame) {
   std::vector<lc::PlaneImage> images;
-  for (const In<std::uint32_t, 2>& plane : planes) {
+  for (const AnyPlane& plane : planes) {
     if (plane.shape(0) != frame.rows || plane.shape(1) != frame.columns)
       throw lc::Error(lc::ErrorCode::Settings, "planes have one shape, (H, W), and one shift for each row");
-    images.emplace_back(plane.data(), plane.data() + plane.size());
+    if (!append_if<std::uint8_t>(images, plane) && !append_if<std::uint16_t>(images, plane) &&
+        !append_if<std::uint32_t>(images, plane))
+      throw lc::Error(lc::ErrorCode::Settings, "planes are arrays of uint8, uint16 or uint32");
   }
   return images;
 }
@@ -69,7 +82,7 @@ lc::SensorView view_of(const In<std::int32_t, 2>& beams, const In<std::uint16_t,
 void bind_planes(nb::module_& m) {
   m.def(
       "encode_planes",
-      [](const std::vector<In<std::uint32_t, 2>>& planes, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
+      [](const std::vector<AnyPlane>& planes, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
          std::uint32_t step, bool quick) {
         const lc::PlaneFrame frame =
             frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
@@ -84,7 +97,7 @@ void bind_planes(nb::module_& m) {
       },
       nb::arg("planes").noconvert(), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
       nb::arg("quick"),
-      "Bytes of P planes, (H, W) uint32 each. forms: (P, 4) role, bits, of, like; shift: (H,) columns.");
+      "Bytes of P planes, (H, W) uint8, uint16 or uint32 each. forms: (P, 4) role, bits, of, like; shift: (H,) columns.");
   m.def(
       "decode_planes",
       [](nb::bytes data, std::size_t columns, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
@@ -107,7 +120,7 @@ void bind_planes(nb::module_& m) {
       .def_prop_ro("columns", &lc::PlaneMemory::columns, "Columns of the frame before; 0: there is none.")
       .def(
           "encode",
-          [](lc::PlaneMemory& memory, const std::vector<In<std::uint32_t, 2>>& planes, In<std::uint8_t, 2> forms,
+          [](lc::PlaneMemory& memory, const std::vector<AnyPlane>& planes, In<std::uint8_t, 2> forms,
              In<std::int32_t, 1> shift, std::uint32_t step, In<std::uint32_t, 2> runs, In<std::int32_t, 2> beams,
              In<std::uint16_t, 1> azimuth, double metre) {
             const lc::PlaneFrame frame =

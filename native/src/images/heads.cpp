@@ -53,6 +53,13 @@ std::size_t mate_of(const PlaneFrame& frame, const std::vector<PlaneNumbers>& al
 
 // The most frequent value of a plane, if it is that of 15 cells of 16, else -1.
 std::int32_t usual_value(const PlaneNumbers& values) {
+  // Each of the few other cells makes at most two changes: most planes are known by their first cells to have none.
+  const std::size_t most = 2 * (values.size() - values.size() / 16 * 15);
+  std::size_t changes = 0;
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    changes += values[i] != values[i - 1];
+    if (changes > most) return -1;
+  }
   std::int32_t usual = values[0];
   std::int64_t lead = 0;  // of the majority vote of Boyer and Moore
   for (const std::int32_t value : values) {
@@ -70,9 +77,10 @@ bool repeats(const PlaneNumbers& values, const PlaneNumbers& ranges, std::size_t
   for (std::size_t i = 0; i < values.size(); ++i) {
     std::int32_t& before = last[ranges[i] > 0];
     same += before == values[i];
+    if (same >= values.size() / of) return true;
     before = values[i];
   }
-  return same >= values.size() / of;
+  return false;
 }
 
 // The greatest number that divides all values of a plane, and of those that are like it. all: divided by it.

@@ -134,11 +134,10 @@ class PlaneCoder {
     const std::uint32_t around = here[-2] | above[-1] << 1 | above[kSparseRun] << 2;
     if (stream_.template by_odds<1>(runs, {&models_.run_odds[around]}, kEqualRate) == 0) return false;
     known_ = x + kSparseRun;
-    for (; x < known_; ++x) {
-      rows_.equal[0][x] = 1;
-      values_[x] = plan_.constant;
-      take_known(x, plan_.constant, others_.range->has[0][x]);
-    }
+    rows_.take_usual(x, kSparseRun, plan_.constant);
+    std::fill_n(values_ + x, kSparseRun, plan_.constant);
+    if constexpr (!Quick) std::fill_n(errors_[0] + x, kSparseRun, errors_[0][x - 1]);
+    for (; x < known_; ++x) last_[others_.range->has[0][x]] = plan_.constant;
     return true;
   }
 

@@ -49,15 +49,25 @@ struct PlaneRows {
     return static_cast<std::int32_t>(std::min<std::int64_t>(std::int64_t{8} * mean * here[0] / around, most));
   }
 
+  // A run of `count` cells of an attribute, all with its usual value.
+  void take_usual(std::ptrdiff_t x, std::ptrdiff_t count, std::int32_t usual) {
+    std::fill_n(equal[0] + x, count, std::uint8_t{1});
+    std::fill_n(leaf[0] + x, count, kCentralLeaf);
+    std::fill_n(scale[0] + x, count, scale[0][x - 1]);
+    std::fill_n(has[0] + x, count, std::uint8_t{1});
+    std::fill_n(value[0] + x, count, usual);
+    std::fill_n(error[0] + x, count, 0);
+  }
+
   Rows<std::int32_t, 3> value;  // a range plane has something likely where there is no return
   Rows<std::int32_t, 2> error;  // how far off the expectation was
   Rows<std::uint8_t, 3> has;    // of a range plane: has a return
   Rows<std::uint8_t, 2> equal;  // to the plane that it is like
   Rows<std::uint8_t, 1> leaf;   // that the number fell into
+  Rows<std::uint8_t, 1> scale;  // logarithm of the width of bins
 
   // Of coders that follow frames before, in the cells that look in the same direction there: the mean of the numbers,
   // and of eight frames, the last one in bit 0, whether there was a return, and whether it was `equal`.
-  Rows<std::uint8_t, 1> scale;  // logarithm of the width of bins
   Rows<std::int32_t, 1> was;
   Rows<std::uint8_t, 1> had, equalled;
 };
