@@ -192,7 +192,11 @@ PANELS = (
     ),
     graph(
         "Recordings and playbacks", "none",
-        [target("lidarcodec_recordings_running", "recordings"), target("lidarcodec_playbacks_running", "playbacks")],
+        [
+            target("lidarcodec_recordings_running", "recordings"),
+            target("lidarcodec_playbacks_running", "playbacks"),
+            target("increase(lidarcodec_recordings_ended_total[$__rate_interval])", "recordings ended: {{reason}}"),
+        ],
     ),
     graph(
         "Processor", "percentunit",

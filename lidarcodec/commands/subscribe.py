@@ -112,18 +112,21 @@ def line_of(summary: dict[str, Any], fps: float | None) -> str:
 def _sent_by_udp(counts: dict[str, int] | None) -> str:
     """What was sent by UDP, and what of it was not.
 
-    >>> _sent_by_udp({"packets": 7184, "position packets": 12, "send errors": 3, "replaced": 1})
-    '; 7,196 packets sent by UDP, 3 not sent, 1 frame left out'
+    >>> _sent_by_udp({"packets": 7184, "position packets": 12, "send errors": 3, "replaced": 1, "refused": 9})
+    '; 7,196 packets sent by UDP, 3 not sent, 9 or more refused at the far end, 1 frame left out'
     """
     if counts is None:
         return ""
     sent = counts.get("packets", 0) + counts.get("position packets", 0)
     failed = counts.get("send errors", 0) + counts.get("position packets not sent", 0)
     left_out = counts.get("replaced", 0) + counts.get("no packets", 0)
-    lost = (f", {failed:,} not sent" if failed else "") + (
-        f", {counted(left_out, 'frame')} left out" if left_out else ""
+    refused = counts.get("refused", 0)
+    lost = (
+        (failed, f"{failed:,} not sent"),
+        (refused, f"{refused:,} or more refused at the far end"),
+        (left_out, f"{counted(left_out, 'frame')} left out"),
     )
-    return f"; {counted(sent, 'packet')} sent by UDP{lost}"
+    return f"; {counted(sent, 'packet')} sent by UDP" + "".join(f", {text}" for count, text in lost if count)
 
 
 def _refined(counts: dict[str, int] | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -131,6 +132,28 @@ def test_the_newest_wins_when_frames_come_too_fast(udp, driver):
     assert udp.counts["replaced"] > 15
     assert eventually(lambda: len(driver.payloads) == udp.counts["packets"])
     assert driver.payloads[-1] == Loop(1, first=29).payloads()[-1]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what became of a packet")
+def test_packets_that_nobody_takes_are_told_and_all_come_once_somebody_listens(caplog):
+    driver = Driver()
+    driver.close()
+    out = UdpOut(driver.address)
+    out.start()
+    first, second = frames_of(2)
+    out.put(first)
+    assert out.wait_sent(60)
+    assert out.counts["refused"] > 0
+    assert f"nobody takes packets at 127.0.0.1, port {driver.address.partition(':')[2]}" in caplog.text
+    host, _, port = driver.address.partition(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
+        taker.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
+        taker.bind((host, int(port)))
+        taker.settimeout(5.0)
+        out.put(second)
+        assert out.wait_sent(60)
+        assert [taker.recv(65_536) for _ in packets_of(second)] == [bytes(one.payload) for one in packets_of(second)]
+    out.close()
 
 
 def test_it_catches_up_after_the_path_was_slow_for_a_moment():

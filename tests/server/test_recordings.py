@@ -122,6 +122,7 @@ async def test_a_disk_that_fails_costs_the_recording_and_nothing_else(server, cl
             active.recorder._files._stop("No space left on device")  # as when a write raises ENOSPC
             assert eventually(lambda: client.get(f"{ALL}/{name}").json()["state"] == "failed")
             assert "space" in client.get(f"{ALL}/{name}").json()["reason"]
+            assert 'lidarcodec_recordings_ended_total{reason="failed"} 1.0' in client.get("/metrics").text
             await socket.send("ack")
             await frame(socket)
 

@@ -7,8 +7,11 @@ packets are sent a little faster. A frame that arrives while two frames wait rep
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import logging
 import socket
+import sys
 import threading
 import time
 from collections import Counter, deque
@@ -40,6 +43,9 @@ NAP_S: Final = 0.0005
 LATE_S: Final = 0.5
 """A frame that is this much too late or too early follows a clock jump or begins a new stream: timing is reset."""
 SEND_BUFFER: Final = 1 << 20
+_REPORTS: Final = {socket.AF_INET: (socket.IPPROTO_IP, 11), socket.AF_INET6: (socket.IPPROTO_IPV6, 25)}
+"""IP_RECVERR and IPV6_RECVERR of Linux: the next call says what an ICMP message said of an earlier packet."""
+_REPORTED: Final = {errno.ECONNREFUSED, errno.EHOSTUNREACH}
 
 
 def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
@@ -100,8 +106,8 @@ class UdpOut:
     """Sends the packets of frames to one address, in a thread of its own.
 
     counts: `frames`, `packets`, `position packets`, `replaced` (frames that came too fast), `late` (resets of the
-            timing), `send errors`, `no packets` (frames that lack data for packets), `position packets not sent` (there
-            is no port for them)
+            timing), `send errors`, `refused` (packets that the far end did not take, as far as it said so),
+            `no packets` (frames that lack data for packets), `position packets not sent` (there is no port for them)
     """
 
     def __init__(self, address: str) -> None:
@@ -110,6 +116,9 @@ class UdpOut:
         family = self._target.family
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(*_REPORTS[family], 1)
         if family == socket.AF_INET:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # sensors broadcast by default
         self._queue: deque[tuple[Frame, float | None]] = deque()
@@ -207,7 +216,7 @@ class UdpOut:
                 )
                 continue
             try:
-                self._socket.sendto(packet.payload, address)
+                self._give(packet.payload, address)
             except OSError as error:
                 self._once.add("send errors", error)
                 continue
@@ -215,6 +224,17 @@ class UdpOut:
         self.counts["frames"] += 1
         if self._offset is not None:
             self._offset -= float(gained[-1])
+
+    def _give(self, payload: bytes, address: tuple[str, int]) -> None:
+        """Send a packet; again, if the first call said what became of an earlier one."""
+        try:
+            self._socket.sendto(payload, address)
+        except OSError as error:
+            if error.errno not in _REPORTED:
+                raise
+            host, port = self._target.data
+            self._once.add("refused", TransportError(f"nobody takes packets at {host}, port {port}: {error.strerror}"))
+            self._socket.sendto(payload, address)
 
     def _begin(self, stamp_s: float, arrival_s: float | None) -> tuple[float, float]:
         """Monotonic time at which to begin sending a frame with this stamp, and the time in seconds that the next

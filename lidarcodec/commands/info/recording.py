@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import Counter
 from contextlib import suppress
 from itertools import islice
@@ -183,7 +184,9 @@ def explain_message(path: Path, number: int) -> dict[str, Any]:
     Raises SettingsError if the recording has fewer, DecodeError if it is damaged beyond its header.
     """
     with open_regular(path) as handle:
-        data = next(islice((data for _, data in RecordingReader(handle).messages()), number, None), None)
+        data = next(
+            islice((data for _, data in RecordingReader(handle).messages()), min(number, sys.maxsize), None), None
+        )
     if data is None:
         raise SettingsError(
             f"{path} has no message {number}: `lidarcodec info {path}` shows how many it has", "message"

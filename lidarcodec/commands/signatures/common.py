@@ -10,7 +10,13 @@ import typer
 from typer import Option
 
 MAX_FRAMES = 10**12
-"""Largest value of --frames: 3,000 years of frames; in packets it still fits Python's `islice`."""
+"""3,000 years of frames; in packets it still fits Python's `islice`."""
+
+
+def _countable(frames: int | None) -> int | None:
+    """A number of frames, MAX_FRAMES if it is larger: no source has so many."""
+    return None if frames is None else min(frames, MAX_FRAMES)
+
 
 Source = Annotated[
     str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE.")
@@ -74,8 +80,10 @@ Pairs = Annotated[
     list[str] | None,
     Option("--set", metavar="KEY=VALUE", help="A stream setting, or a setting of the codec. Repeatable."),
 ]
-FrameCount = Annotated[int | None, Option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
-SkipCount = Annotated[int, Option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Skip the first N frames.")]
+FrameCount = Annotated[
+    int | None, Option("--frames", min=1, callback=_countable, metavar="N", help="Stop after N frames.")
+]
+SkipCount = Annotated[int, Option("--skip", min=0, callback=_countable, metavar="N", help="Skip the first N frames.")]
 AllowMissed = Annotated[bool, Option("--allow-missed", help="Exit with 0 even if the target bitrate was missed.")]
 Force = Annotated[bool, Option("--force", help="Replace outputs that exist.")]
 WithClouds = Annotated[

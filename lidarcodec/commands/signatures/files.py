@@ -15,7 +15,6 @@ from lidarcodec.commands.running.ending import FAILED
 from lidarcodec.commands.running.options import known_variables
 from lidarcodec.commands.running.telling import prints
 from lidarcodec.commands.signatures.common import (
-    MAX_FRAMES,
     AllowMissed,
     AsJson,
     CalibrationFile,
@@ -48,7 +47,7 @@ def info(
     ] = None,
     message: Annotated[
         int | None,
-        Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Show message N of a recording, byte by byte."),
+        Option("--message", min=0, metavar="N", help="Show message N of a recording, byte by byte."),
     ] = None,
     calibration: CalibrationFile = None,
     model: ModelName = None,

@@ -8,7 +8,7 @@ from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamil
 from prometheus_client.registry import Collector
 
 from lidarcodec_server.live.hub import LiveHub
-from lidarcodec_server.live.recordings import Recordings
+from lidarcodec_server.live.recordings import ENDS, Recordings
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
 
 KINDS = (CloudViewer.kind, FramesViewer.kind)
@@ -62,4 +62,8 @@ class LiveMetrics(Collector):
             if seconds is not None:
                 yield GaugeMetricFamily(f"lidarcodec_viewer_pack_{q}_seconds", text, value=seconds)
         yield GaugeMetricFamily("lidarcodec_recordings_running", "Recordings.", value=self._recordings.running)
+        ends = CounterMetricFamily("lidarcodec_recordings_ended", "Recordings that ended.", labels=["reason"])
+        for reason in ENDS:
+            ends.add_metric([reason], self._recordings.ends[reason])
+        yield ends
         yield GaugeMetricFamily("lidarcodec_playbacks_running", "Playbacks.", value=self._recordings.played)

@@ -14,7 +14,8 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.download import Downloads
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.metrics import LiveMetrics
-from lidarcodec_server.live.recordings import Limits, Recordings
+from lidarcodec_server.live.recordings import Recordings
+from lidarcodec_server.live.running import Limits
 from lidarcodec_server.live.seats import Seats
 from lidarcodec_server.live.shelf import Shelf
 from lidarcodec_server.service import Service

@@ -10,9 +10,10 @@ import asyncio
 import contextlib
 import logging
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -23,6 +24,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.download import Download
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.playback import Playback, PlayRequest
+from lidarcodec_server.live.running import Limits, RunningRecording
 from lidarcodec_server.live.shelf import BusyRecordingError, MissingRecordingError, Recording, Shelf, StorageError
 
 logger = logging.getLogger(__name__)
@@ -31,20 +33,14 @@ LOOK_S: Final = 0.5
 """Interval of checks of the limits. At 10 Hz and 25 Mbit/s a recording can exceed its limit by 2 MB."""
 END_S: Final = 30.0
 """Longest wait for the end of a recording or a playback, because a disk may not respond."""
+ENDS: Final = ("stopped", "limit", "full", "failed")
+"""How a recording ended: by a request, at its own limit, for want of room on the disk, or with messages missing."""
 MAX_PLAYING: Final = 4
 MAX_RECORDING: Final = 64
 _FOREVER_BYTES: Final = 2**62
 T = TypeVar("T")
 Borrow = Callable[[], Awaitable[tuple[Path, Callable[[], object]]]]
 """Gives a file to play, and what to call when it is no longer read."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When a recording ends by itself."""
-
-    max_seconds: float = 3600.0
-    max_bytes: int = 4 * 2**30
 
 
 async def _in_time(task: asyncio.Task[T], what: str) -> T:
@@ -58,59 +54,11 @@ async def _in_time(task: asyncio.Task[T], what: str) -> T:
         raise StorageError(f"{what} did not end within {END_S:g} s: the disk does not respond") from None
 
 
-class _Active:
-    """A running recording. `take` is called in the receiver's thread."""
-
-    def __init__(self, recording: Recording, recorder: BackgroundRecorder, limits: Limits) -> None:
-        self.recording, self.recorder, self.limits = recording, recorder, limits
-        self.stop = asyncio.Event()
-        self.began = time.monotonic()
-        self.task: asyncio.Task[Recording] | None = None
-
-    def take(self, data: bytes) -> None:
-        """Keep a message."""
-        self.recorder.message(data)
-
-    def now(self) -> Recording:
-        """The recording with its present size and counts."""
-        counts = self.recorder.state()["counts"]
-        return replace(self.recording, frames=int(counts.get("frames", 0)), size_bytes=int(counts.get("bytes", 0)))
-
-    def over(self) -> str | None:
-        """Why it must end; None if it need not."""
-        if (lacking := self._lost()) is not None:
-            return lacking
-        state = self.recorder.state()
-        if time.monotonic() - self.began >= self.limits.max_seconds:
-            return f"the limit of {self.limits.max_seconds:g} s was reached"
-        if int(state["counts"].get("bytes", 0)) >= self.limits.max_bytes:
-            return f"the limit of {self.limits.max_bytes} bytes was reached"
-        return None
-
-    def lacking(self) -> str | None:
-        """Why messages are missing in it; None if none are. The disk refused them or was too slow, or its file was
-        lost.
-        """
-        if (lost := self._lost()) is not None:
-            return lost
-        if dropped := int(self.recorder.state()["counts"].get("dropped", 0)):
-            return f"{dropped} messages were not recorded: the disk was too slow"
-        return None
-
-    def _lost(self) -> str | None:
-        """Why it cannot continue; None if it can."""
-        state = self.recorder.state()
-        if state["stopped"] is not None:
-            return str(state["stopped"])
-        if state["counts"].get("lost files"):
-            return "its file was removed, replaced or overwritten during the recording"
-        return None
-
-
 class Recordings:
     """All recordings of a server.
 
     limits: default limits of a recording, and the largest allowed ones
+    ends: how many recordings ended in which way of `ENDS`
     open_transport: opens a transport for a playback, because a transport does not receive its own messages
     """
 
@@ -119,9 +67,10 @@ class Recordings:
     ) -> None:
         self.shelf, self.limits = shelf, limits or Limits()
         self._hub, self._open_transport = hub, open_transport
-        self._active: dict[StreamKeys, _Active] = {}
+        self._active: dict[StreamKeys, RunningRecording] = {}
         self._playing: dict[str, Playback] = {}
         self._unwritten: dict[str, Recording] = {}
+        self.ends: Counter[str] = Counter()
         self._loop = asyncio.get_running_loop()
         self._disk = ThreadPoolExecutor(4, "lidarcodec shelf")
 
@@ -146,7 +95,8 @@ class Recordings:
             )
         # One file for each recording: the limit ends it before the recorder would begin a second file.
         sizes = {"max_file_bytes": _FOREVER_BYTES, "max_total_bytes": 2 * _FOREVER_BYTES}
-        active = _Active(recording, BackgroundRecorder(self.shelf.path(recording.id), keys, None, None, **sizes), kept)
+        recorder = BackgroundRecorder(self.shelf.path(recording.id), keys, None, None, **sizes)
+        active = RunningRecording(recording, recorder, kept)
         self._active[keys] = active
         active.recorder.start()
         active.task = self._loop.create_task(self._keep(keys, active))
@@ -330,8 +280,9 @@ class Recordings:
 
     # --- tasks ------------------------------------------------------------------------------------------------------
 
-    async def _keep(self, keys: StreamKeys, active: _Active) -> Recording:
+    async def _keep(self, keys: StreamKeys, active: RunningRecording) -> Recording:
         reason: str | None = None
+        full: str | None = None
         failed = False
         try:
             async with self._hub.watching(keys, decode=False) as watch:
@@ -340,7 +291,7 @@ class Recordings:
                     while reason is None and not active.stop.is_set():
                         with contextlib.suppress(TimeoutError):
                             await asyncio.wait_for(active.stop.wait(), LOOK_S)
-                        reason = active.over() or await self._in_thread(self._full)
+                        reason = active.over() or (full := await self._in_thread(self._full))
                 finally:
                     watch.untap(active.take)
         except (TransportError, OSError) as error:
@@ -358,6 +309,8 @@ class Recordings:
             )
             ended = await self._in_thread(lambda: self._write_end(ended))
             self._active.pop(keys, None)
+        how = "failed" if ended.state == "failed" else "full" if full else "limit" if reason else "stopped"
+        self.ends[how] += 1
         level = logging.WARNING if ended.state == "failed" else logging.INFO
         logger.log(level, "%s: recording %s ended: %s", keys.prefix, ended.id, ended.reason or "stopped")
         return ended

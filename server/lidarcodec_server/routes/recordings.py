@@ -16,7 +16,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.live.download import MEDIA_TYPE
 from lidarcodec_server.live.playback import PlayRequest
-from lidarcodec_server.live.recordings import Limits
+from lidarcodec_server.live.running import Limits
 from lidarcodec_server.live.shelf import (
     BusyRecordingError,
     MissingRecordingError,
