@@ -82,8 +82,8 @@ lc::SensorView view_of(const In<std::int32_t, 2>& beams, const In<std::uint16_t,
 void bind_planes(nb::module_& m) {
   m.def(
       "encode_planes",
-      [](const std::vector<AnyPlane>& planes, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
-         std::uint32_t step, bool quick) {
+      [](const std::vector<AnyPlane>& planes, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift, std::uint32_t step,
+         bool quick) {
         const lc::PlaneFrame frame =
             frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
         lc::check_frame(frame);
@@ -97,7 +97,8 @@ void bind_planes(nb::module_& m) {
       },
       nb::arg("planes").noconvert(), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
       nb::arg("quick"),
-      "Bytes of P planes, (H, W) uint8, uint16 or uint32 each. forms: (P, 4) role, bits, of, like; shift: (H,) columns.");
+      "Bytes of P planes, (H, W) uint8, uint16 or uint32 each. forms: (P, 4) role, bits, of, like; shift: (H,) "
+      "columns.");
   m.def(
       "decode_planes",
       [](nb::bytes data, std::size_t columns, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
