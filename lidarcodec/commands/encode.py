@@ -194,7 +194,8 @@ def _tell(kept: Path, coded: CodedRecording, again: int | None, as_json: bool) -
         found["ratio"] = size_before / max(coded.coded, 1)
     if coded.refinement_bytes:
         found["refinement_bytes"] = coded.refinement_bytes
-    tell(found, f"{kept}: {coded.summary(again)}" + f"; with clouds the file has {size:,}" * coded.clouds, as_json)
+    clouds = f"; with clouds the file has {size:,}" if coded.clouds and size is not None else ""
+    tell(found, f"{kept}: {coded.summary(again)}{clouds}", as_json)
 
 
 def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:

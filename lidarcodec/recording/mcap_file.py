@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import IO, Self
+from typing import IO, Self, cast
 
 from mcap.writer import CompressionType, Writer
 
 import lidarcodec
 from lidarcodec.entropy.zstd_memory import memory_told
+from lidarcodec.files.counting import Counting
 
 
 class McapFile:
@@ -16,6 +17,10 @@ class McapFile:
     def __init__(self, stream: IO[bytes], chunk_bytes: int, *, compressed: bool, profile: str = "") -> None:
         """chunk_bytes: size from which a chunk is closed."""
         self._stream, self._finished = stream, False
+        try:
+            stream.tell()
+        except OSError:  # a pipe
+            stream = cast(IO[bytes], Counting(stream))
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
         self._mcap = Writer(stream, chunk_size=chunk_bytes, compression=compression)
         self._mcap.start(profile=profile, library=f"lidarcodec {lidarcodec.__version__}")

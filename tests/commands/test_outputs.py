@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import os
+import threading
 
 import dpkt
 import laspy
@@ -9,10 +11,12 @@ import numpy as np
 import pypcd4
 import pytest
 
+import lidarcodec
 from lidarcodec.commands.outputs.table import FORMS, check_output, contents_of, form_of, open_output
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import whole
 from lidarcodec.pipeline import frames_of
+from tests.command_line import run_here
 from tests.packets import sensor, turning
 
 
@@ -203,3 +207,27 @@ def test_what_a_form_cannot_hold_is_said(frames, tmp_path):
     far = frame.with_(sensor=dataclasses.replace(frame.sensor, range_step_m=429.0))
     with pytest.raises(SettingsError, match="too far away"):
         FORMS["las"].open(tmp_path / "out.las").write(far, far.cloud())
+
+
+@pytest.mark.parametrize("words", [("encode",), ("convert", "--as", "recording"), ("convert", "--as", "packets")])
+def test_a_recording_goes_through_a_pipe_and_is_the_same(words, tmp_path):
+    pipe = tmp_path / "pipe.mcap"
+    os.mkfifo(pipe)
+    came: list[bytes] = []
+    reader = threading.Thread(target=lambda: came.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    command, *more = words
+    for out in (pipe, tmp_path / "file.mcap"):
+        done = run_here(command, "sim:city?frames=1", str(out), *more)
+        assert done.returncode == 0, done.stderr
+    reader.join(30)
+    assert [frame.points for frame in lidarcodec.read_frames(saved(tmp_path / "came.mcap", came[0]))] == [
+        frame.points for frame in lidarcodec.read_frames(tmp_path / "file.mcap")
+    ]
+    assert len(came[0]) == (tmp_path / "file.mcap").stat().st_size
+
+
+def saved(path, data: bytes):
+    """The path, with these bytes there."""
+    path.write_bytes(data)
+    return path

@@ -6,16 +6,16 @@ the points: x y z in metres and intensity, float32. All little endian.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import struct
-from typing import IO, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.cloud import second_returns
 from lidarcodec.errors import DecodeError
+from lidarcodec.files.counting import Counting
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import layout_of
 from lidarcodec.recording import RecordingWriter
@@ -26,30 +26,6 @@ logger = logging.getLogger(__name__)
 _SIZE: Final = struct.Struct("<I")
 _CLOUD: Final = struct.Struct("<qII")
 _POINT: Final = 16
-
-
-class Counting:
-    """Standard output as writers of files want it: it knows where it is. bytes: written so far"""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream, self.bytes = stream, 0
-
-    def write(self, data: bytes) -> int:
-        self._stream.write(data)
-        self.bytes += len(data)
-        return len(data)
-
-    def tell(self) -> int:
-        """Bytes so far."""
-        return self.bytes
-
-    def flush(self) -> None:
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Close it; what was not flushed may be lost."""
-        with contextlib.suppress(OSError):
-            self._stream.close()
 
 
 class MessageOutput(Protocol):

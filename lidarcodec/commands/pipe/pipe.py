@@ -17,7 +17,7 @@ from typing import Final, TypeVar
 from lidarcodec import wire
 from lidarcodec.cloud import second_returns_text
 from lidarcodec.commands.pipe import inputs
-from lidarcodec.commands.pipe.outputs import Captured, Clouds, Counting, FrameOutput, MessageOutput, Prefixed, Recorded
+from lidarcodec.commands.pipe.outputs import Captured, Clouds, FrameOutput, MessageOutput, Prefixed, Recorded
 from lidarcodec.commands.results.files import Piped
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
@@ -26,6 +26,7 @@ from lidarcodec.commands.signatures.common import of_model
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
+from lidarcodec.files.counting import Counting
 from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
