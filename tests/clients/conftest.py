@@ -6,7 +6,7 @@ import fcntl
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,35 +18,54 @@ BUILD = ROOT / "build" / "native"
 
 
 @pytest.fixture(scope="session")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def built_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """A folder that is built once in a run of the tests, for all processes of `pytest -n`.
+
+    It stays below build/, so that the next run only builds what has changed.
+    """
+    base = tmp_path_factory.getbasetemp()
+    of_run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def build(name: str, make: Callable[[Path], None]) -> Path:
+        folder, done = ROOT / "build" / "tests" / name, of_run / f"{name}.built"
+        with (of_run / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                make(folder)
+                done.touch()
+        return folder
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def installed(built_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
     """The library as `cmake --install` puts it into a folder."""
     if not list((BUILD / "native" / "c").glob("liblidarcodec.*")):
         pytest.skip(
             "needs the headers of zstd and zlib when the native core is built: apt install libzstd-dev zlib1g-dev"
         )
-    prefix = tmp_path_factory.mktemp("installed")
-    words = ["cmake", "--install", str(BUILD), "--prefix", str(prefix), "--component", "c"]
-    subprocess.run(words, check=True, capture_output=True, timeout=60)
-    return prefix
+
+    def make(folder: Path) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        words = ["cmake", "--install", str(BUILD), "--prefix", str(folder), "--component", "c"]
+        subprocess.run(words, check=True, capture_output=True, timeout=60)
+
+    return built_once("c-library", make)
 
 
 @pytest.fixture(scope="session")
-def programs(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the programs of clients/cpp, built against the library as it is installed.
-
-    All processes of `pytest -n` share it: the first one builds, the others wait.
-    """
+def programs(installed: Path, built_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """The folder of the programs of clients/cpp, built against the library as it is installed."""
     if shutil.which("cmake") is None:
         pytest.skip("needs cmake")
-    base = tmp_path_factory.getbasetemp()
-    build = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "programs"
-    words = ["cmake", "-S", str(ROOT / "clients" / "cpp"), "-B", str(build), f"-DCMAKE_PREFIX_PATH={installed}"]
-    with build.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        for step in (words, ["cmake", "--build", str(build)]) if not (build / "built").exists() else ():
+
+    def make(folder: Path) -> None:
+        words = ["cmake", "-S", str(ROOT / "clients" / "cpp"), "-B", str(folder), f"-DCMAKE_PREFIX_PATH={installed}"]
+        for step in (words, ["cmake", "--build", str(folder)]):
             subprocess.run(step, check=True, capture_output=True, timeout=300)
-        (build / "built").touch()
-    return build
+
+    return built_once("c-programs", make)
 
 
 @pytest.fixture
