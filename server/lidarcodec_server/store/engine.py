@@ -23,8 +23,9 @@ def engine_of(url: sa.URL) -> Engine:
     limits: dict[str, Any] = {}
     if url.get_backend_name() == "postgresql":
         milliseconds = int(1e3 * BUSY_S)
-        limits = {"connect_timeout": int(BUSY_S)}
-        limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
+        limits = {"connect_timeout": int(BUSY_S), "client_encoding": "UTF8"}  # of SQL_ASCII, names would come as bytes
+        own = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
+        limits["options"] = " ".join([*url.normalized_query.get("options", ()), own])  # what the URL says holds, too
     engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
     if limits:
         close_stuck_connections(engine)
