@@ -71,3 +71,15 @@ def test_a_recording_of_two_layers_costs_both(tmp_path):
     assert recorded["ground_iou"] == 1
     assert size["refinement_bytes"] > 0
     assert recorded["bytes_per_frame"] == size["coded_bytes"]
+
+
+@pytest.mark.parametrize(
+    "other", ["sim:street?frames=1&seed=2", "sim:room?frames=1", "sim:street?frames=1&sensor=vlp16"]
+)
+def test_the_recording_of_another_drive_is_refused(tmp_path, other):
+    """Simulated drives, and sensors whose clock nobody set, have the same times: it was scored by boxes of SOURCE."""
+    recording = tmp_path / "other.mcap"
+    assert run_here("encode", other, str(recording)).returncode == 0
+    ran = run_here("evaluate", "detection", SOURCE, "--recording", str(recording), "--detector", "none")
+    assert ran.returncode == 1
+    assert "not made from this source" in the_one_line(ran)

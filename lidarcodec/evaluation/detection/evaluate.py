@@ -45,6 +45,8 @@ AROUND: Final = 5
 TURN_S: Final = 0.1
 """Time of a frame, where there is only one."""
 SHORTEST_S: Final = 0.001
+STRANGE: Final = 1000
+"""A frame is of another drive if more than one of so many returns is where the original has none."""
 Result = dict[str, Any]
 Tick = Callable[[], None]
 NOTHING: Final = Segments(
@@ -155,7 +157,7 @@ class Detection:
     def recording(self, path: Path) -> Result:
         """Scores of the frames in a recording of this drive.
 
-        Raises SourceError if it has no frame of this drive, or cannot be read.
+        Raises SourceError if it has no frame of this drive, frames of another one, or cannot be read.
         """
         recorded, sent = RecordedFrames(path), _Sent()
         known = recorded.settings()
@@ -165,6 +167,11 @@ class Detection:
             at = places.pop(frame.stamp_ns, None)
             if at is None:
                 continue
+            if not _came_of(self.frames[at].frame, frame):
+                raise SourceError(
+                    f"frame {frame.index} of {path} has other returns than the frame of that time of {self.name}: "
+                    "the recording was not made from this source"
+                )
             self._measure(sent, at, frame)
             if recorded.message is not None and recorded.message is not message:
                 message = recorded.message
@@ -233,6 +240,16 @@ class Detection:
             "kbps": None if size is None else round(size / frames * 8 / turn_s / 1000, 1),
             "version": lidarcodec.__version__,
         }
+
+
+def _came_of(original: Frame, decoded: Frame) -> bool:
+    """Whether a decoded frame can be of this one: no codec has a measured return where there was none."""
+    if decoded.sensor.model != original.sensor.model:
+        return False
+    if decoded.sensor.is_cloud or decoded.range.shape != original.range.shape:  # a part of a frame, or moved points
+        return True
+    there = measured_only(decoded).range > 0
+    return int(np.count_nonzero(there & (original.range == 0))) * STRANGE <= int(np.count_nonzero(there))
 
 
 def _labelled(frame: Frame, boxes: Boxes) -> Labelled:
