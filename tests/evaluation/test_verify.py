@@ -93,6 +93,15 @@ def test_a_return_that_is_lost_or_invented_breaks_every_promise():
     assert any("lost" in text for text in broken_promises(StreamSettings(max_error_m=20.0), found))
 
 
+@pytest.mark.parametrize("promise", [Promise(None, False), Promise(None, False, reduced=True)])
+def test_the_recording_of_another_drive_breaks_promises_without_a_bound_too(promise):
+    """Of `jpeg` and `h264` it said `kept all that its messages promise`, with code 0, whatever drive it was of."""
+    frame, found = frames(turning(10))[0], Comparison()
+    found.add(frame.with_(range=np.roll(frame.range, 7, axis=0)), PacketsByTime(turning(10)), promise)
+    assert found.errors.invented > 0
+    assert any("were added" in text for text in broken_promises(StreamSettings(codec="jpeg"), found))
+
+
 def coded(settings, packets):
     """What decodes of a stream of frames, with what each message promises."""
     encoder, decoder = StreamEncoder(settings), StreamDecoder()
