@@ -14,6 +14,7 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.training.annotate import AnnotationSettings, annotate
 from lidarcodec.training.annotation_folder import AnnotationFolder
 from lidarcodec.training.identity import identity
@@ -46,6 +47,7 @@ def run(
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses
         about = annotate(islice(read_frames(source), skip, stop), folder, settings, known, workers, _stage)
+        say_unkept(spec, source.counts)
     tell(about | {"folder": str(out)}, f"{_text(about)}\nwritten          {out}", as_json)
 
 

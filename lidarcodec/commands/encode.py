@@ -17,7 +17,6 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
-from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError, TargetMissedError
 from lidarcodec.evaluation.coded_recording import UNNAMED, CodedRecording, Named
 from lidarcodec.files.whole import check_free, whole
@@ -31,6 +30,7 @@ from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import SCHEMES, kind_of
+from lidarcodec.sources.unkept import say_unkept
 
 logger = logging.getLogger(__name__)
 

@@ -1,38 +1,18 @@
-"""The warning at the end of a command about data that was not kept: one line, with counts by cause."""
+"""What commands say about data that they did not write: of recordings, and position packets."""
 
 from __future__ import annotations
 
-import logging
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.entropy import decode_positions
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
 from lidarcodec.sensors.models.table import aside_name
-from lidarcodec.sources.unkept import IN_PART, unkept
 from lidarcodec.units import MAX_PACKETS, counted
 
-logger = logging.getLogger(__name__)
-
 HOLDS_POSITIONS = ".pcap"
-
-
-def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None) -> None:
-    """Warn about data of a source that was not kept, or that it could not give. No warning if there is none.
-
-    short: turns of it that lack columns
-    """
-    in_part = Counter({cause: counts[cause] for cause in IN_PART})
-    if (left := unkept(counts - in_part)) is not None:
-        logger.warning("%s: not kept: %s", label, left)
-    if (left := unkept(in_part)) is not None:
-        logger.warning("%s: only in part: %s", label, left)
-    if short is not None and (text := short.text()):
-        logger.warning("%s: packets are missing in it: %s", label, text)
 
 
 def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:

@@ -14,7 +14,6 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.sources import check_recorded
-from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.evaluation.sent import OFF, Sent, bounds_text
@@ -23,7 +22,7 @@ from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, pr
 from lidarcodec.recording.layer_counts import LAYERS
 from lidarcodec.sensors.models.table import aside_name
 from lidarcodec.sources import open_source
-from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
+from lidarcodec.sources.unkept import OF_THE_SENSOR, say_unkept, unkept
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -56,13 +56,15 @@ def bench(
     poses: Path | None = None,
     metrics: Metrics = "usual",
     learn: int = 0,
+    unkept: Counter[str] | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for one setting.
 
     frames: number of frames, None for all; skip: number of frames to skip first; metrics: `all` adds error quantiles by
     range and the distances of the clouds (0.4 s a frame); learn: training steps after each frame, for codecs that can
-    learn. Their time and gain are in `learned`, not in the other times; tick: called after each frame
+    learn. Their time and gain are in `learned`, not in the other times; unkept: is given what the source counted; tick:
+    called after each frame
     Raises SettingsError, UnknownNameError, SourceError, and DecodeError if the codec cannot decode its own messages.
     """
     if settings.base_error_m is not None:
@@ -82,6 +84,8 @@ def bench(
                 encoder.learn(learn)
             tick()
         run.flush()
+        if unkept is not None:
+            unkept |= source.counts
         found = {"origin": source.sensor.origin, "hash": source.sensor.hash}
         name = f"{spec} ({source.caveat})" if source.caveat else str(spec)
     if not run.frames:

@@ -6,6 +6,7 @@ scan is registered in a map of all. To find them, a source is read several times
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -45,7 +46,7 @@ class Seen(NamedTuple):
 class DriveSpec:
     """spec: the source; poses: a file of them; frames, skip: as of all commands; every: 1 of how many scans is used
 
-    mounted: where the sensor sits, and whose poses the file has
+    mounted: where the sensor sits, and whose poses the file has;  unkept: what the source counted while it was read
     """
 
     spec: str
@@ -55,6 +56,7 @@ class DriveSpec:
     skip: int = 0
     every: int = 1
     mounted: Mounted = NOT_SAID
+    unkept: Counter[str] = field(default_factory=Counter, compare=False)
 
     def opened(self) -> PacketSource:
         """The source, with its poses and its mounting."""
@@ -69,9 +71,12 @@ class DriveSpec:
             frames = islice(frames_of(source.packets(), source.sensor, "revolution"), self.skip, end)
             first = list(islice(frames, FIRST_FRAMES))
             usual = float(np.median([frame.width for frame in first])) if first else 0.0
-            for number, frame in enumerate(_whole((*first,), frames, usual)):
-                if number % self.every == 0:
-                    yield scan_of(frame)
+            try:
+                for number, frame in enumerate(_whole((*first,), frames, usual)):
+                    if number % self.every == 0:
+                        yield scan_of(frame)
+            finally:
+                self.unkept.update(source.counts - self.unkept)  # it is read more than once
 
     def given_poses(self) -> Poses | None:
         """Poses of a file, of the simulator, or of the messages of a recording or a bag; None if there are none."""

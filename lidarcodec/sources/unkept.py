@@ -9,10 +9,14 @@ True
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from typing import Final
 
+from lidarcodec.assembly.short_turns import ShortTurns
 from lidarcodec.packet import UNKEPT_POSITIONS
+
+logger = logging.getLogger(__name__)
 
 OTHER_POSITIONS: Final = "position packets to another port"
 """Counter of position packets that the chosen sensor sent to another port than expected."""
@@ -73,3 +77,17 @@ def unkept(counts: Counter[str]) -> str | None:
     """Texts about data that was not kept, largest counts first; None if everything was kept."""
     found = [f"{number} {CAUSES[cause]}" for cause, number in counts.most_common() if number and cause in CAUSES]
     return ", ".join(found) or None
+
+
+def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None) -> None:
+    """Warn about data of a source that was not kept, or that it could not give. No warning if there is none.
+
+    short: turns of it that lack columns
+    """
+    in_part = Counter({cause: counts[cause] for cause in IN_PART})
+    if (left := unkept(counts - in_part)) is not None:
+        logger.warning("%s: not kept: %s", label, left)
+    if (left := unkept(in_part)) is not None:
+        logger.warning("%s: only in part: %s", label, left)
+    if short is not None and (text := short.text()):
+        logger.warning("%s: packets are missing in it: %s", label, text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -25,6 +26,7 @@ from lidarcodec.evaluation.plots import check_plot, plot_bits, plot_curves
 from lidarcodec.evaluation.report import text_table
 from lidarcodec.files.whole import check_free, whole
 from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.unkept import say_unkept
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -66,7 +68,8 @@ def run(
         check_free(plot, force=force)
     jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn, metrics) + _peer_jobs(codecs, peers)
     check_finite(source, frames)
-    given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
+    unkept: Counter[str] = Counter()
+    given = {"unkept": unkept, "frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
     results: list[dict[str, Any]] = []
     done = 0
     with suppress(KeyboardInterrupt):
@@ -79,6 +82,7 @@ def run(
                     raise
                 print(f"not measured: {failed}", file=sys.stderr)
             done = number
+    say_unkept(source, unkept)
     part = done < len(jobs)
     end: list[dict[str, Any]] = [interrupted_after(done, len(jobs))] if part else []
     if as_json or results:

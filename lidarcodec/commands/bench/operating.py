@@ -33,6 +33,7 @@ class OperatingPoints:
         too short or has no reference trajectory."""
         result = bench(source, settings, **given)
         tick = given.pop("tick")
+        del given["unkept"]
         return {**result, "localisation": self._localisation(source, settings, tick=tick, **given)}
 
     def _localisation(self, source: str, settings: StreamSettings, **given: Any) -> dict[str, Any] | None:

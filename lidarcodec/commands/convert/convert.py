@@ -23,7 +23,6 @@ from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.turns import Turns, turns_of
-from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.coded_recording import UNNAMED, Named
 from lidarcodec.files.whole import check_free, whole
@@ -34,6 +33,7 @@ from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.described import description_of
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
 from lidarcodec.sources.spec import parse
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.units import FRAME_PACKETS, counted
 
 logger = logging.getLogger(__name__)

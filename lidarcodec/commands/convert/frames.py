@@ -27,7 +27,7 @@ from lidarcodec.commands.selection.frames import Selection
 from lidarcodec.commands.selection.points import Placing
 from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.commands.subscribe import awaited
-from lidarcodec.commands.unkept import positions_in, positions_text, say_unkept
+from lidarcodec.commands.unkept import positions_in, positions_text
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.recorded import RecordedFrames
 from lidarcodec.files.whole import Whole, whole
@@ -44,6 +44,7 @@ from lidarcodec.sources.recording import is_thinned
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
 from lidarcodec.sources.unit_calibration import warn_if_generic
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.transport import Endpoints
 from lidarcodec.units import counted
 

@@ -32,6 +32,7 @@ from lidarcodec.maps.points import MapFrame
 from lidarcodec.sensors.capture_names import stem_of
 from lidarcodec.sensors.find import beside
 from lidarcodec.sources.mounts import Mounted
+from lidarcodec.sources.unkept import say_unkept
 
 logger = logging.getLogger(__name__)
 
@@ -191,6 +192,8 @@ def run(asked: Asked, force: bool, as_json: bool) -> None:
                 kept.clear()
             raise
         kept.clear()
+    for drive in drives:
+        say_unkept(drive.spec, drive.unkept)
     found = {
         "output": str(output.kept or asked.out),
         "scans": builder.scans,

@@ -23,7 +23,6 @@ from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.signatures.common import of_model
-from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.evaluation.coded_recording import SENSOR, VEHICLE
 from lidarcodec.files.counting import Counting
@@ -37,6 +36,7 @@ from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.posed import with_poses
 from lidarcodec.sources.spec import parse
 from lidarcodec.sources.table import kind_of
+from lidarcodec.sources.unkept import say_unkept
 
 logger = logging.getLogger(__name__)
 

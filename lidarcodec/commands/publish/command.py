@@ -18,13 +18,14 @@ from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.running.telling import tell
 from lidarcodec.commands.settings import one_setting
-from lidarcodec.commands.unkept import check_recorded, say_unkept
+from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import SettingsError
 from lidarcodec.network.shelf import look_in
 from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.settings import AUTO
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.sources.mounts import NOT_SAID, Mounted
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.transport import Endpoints, party_of
 from lidarcodec.units import counted
 

@@ -37,6 +37,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.drive import SimulatedDrive
 from lidarcodec.sources.posed import posed
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.wire import pack
 
 AHEAD: Final = 1
@@ -114,6 +115,7 @@ class Detection:
                     boxes = (labels or {}).get(number, joined(()))
                 self.frames.append(_labelled(posed(frame, source.poses if poses else None), boxes))
                 tick()
+            say_unkept(self.name, source.counts)
         if not any(len(one.boxes) for one in self.frames):
             missing = "no vehicle or person" if labels is None else "no frame with a label: see --first-label"
             raise SourceError(f"{spec} has {missing}")

@@ -23,6 +23,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
 from lidarcodec.sources.poses import Poses
+from lidarcodec.sources.unkept import say_unkept
 
 WHOLE: Final = 0.95
 """A frame with at least this share of the usual width counts as a complete turn. A drive begins and ends with
@@ -85,6 +86,7 @@ def read_drive(
         for frame in islice(frames_of(source.packets(), source.sensor, framing), skip, end):
             found.append(frame)
             tick()
+        say_unkept(str(spec), source.counts)
         given, exact = source.poses, poses is None and str(spec).startswith("sim:")
     usual = np.median([frame.width for frame in found]) if found else 0
     whole = [frame for frame in found if frame.width >= WHOLE * usual]

@@ -14,6 +14,7 @@ the original point, or to the nearest original point if the order is lost.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import islice
@@ -46,9 +47,10 @@ def bench_peer(
     calibration: Path | None = None,
     metrics: Metrics = "usual",
     framing: str = "revolution",
+    unkept: Counter[str] | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """The object that `lidarcodec bench --json` prints for a peer.
+    """The object that `lidarcodec bench --json` prints for a peer. unkept: is given what the source counted
 
     Raises UnknownNameError, MissingExtraError, SourceError, and DecodeError if the peer fails on a frame.
     """
@@ -60,6 +62,8 @@ def bench_peer(
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
             run.frame(frame, payloads)
             tick()
+        if unkept is not None:
+            unkept |= source.counts
         origin = {"origin": source.sensor.origin, "hash": source.sensor.hash}
         about = f"{spec} ({source.caveat})" if source.caveat else str(spec)
     if not run.frames:
