@@ -25,6 +25,8 @@ logger = logging.getLogger(__name__)
 
 ALONE: Final = frozenset({"raw", "zstd", "pcodec", "png", "jxl", "jpeg"})
 """Codecs whose frames need no other frame."""
+SHOWN: Final = 20
+"""Inputs that are named, of those that are in the archive only in part."""
 
 
 def archive_settings(settings: StreamSettings) -> StreamSettings:
@@ -59,6 +61,7 @@ class CompressPlan:
         self.counts: Counter[str] = Counter()
         self._contents = Contents()
         self._other = ""
+        self._lacking: list[str] = []
 
     def tasks(self) -> Iterator[Task]:
         """Tasks to begin with."""
@@ -108,6 +111,11 @@ class CompressPlan:
                 f"{number:,} of the inputs, or files beside them, changed since they were archived: the frames of the "
                 "earlier ones stay"
             )
+        found += self._lacking[:SHOWN]
+        if (more := len(self._lacking) - SHOWN) > 0:
+            found.append(
+                f"{more:,} more of the inputs are not whole in the archive: `not_kept` of their commits says why"
+            )
         return found
 
     def _is_there(self, one: Input, origin: str) -> bool:
@@ -134,6 +142,8 @@ class CompressPlan:
 
     def _segments(self, cutting: Task, plan: dict[str, Any]) -> Iterator[Task]:
         origin = cutting.value["origin"]
+        if plan["not_kept"] is not None:
+            self._lacking.append(f"{cutting.label} is not whole in the archive: {plan['not_kept']}")
         value = {name: cutting.value[name] for name in ("input", "name", "origin", "settings")}
         value |= {name: plan[name] for name in ("vehicle", "sensor", "not_kept")}
         for number, one in enumerate(plan["segments"]):

@@ -47,6 +47,17 @@ def test_messages_that_cannot_be_decoded_are_named_once(damaged, tmp_path, monke
     assert caplog.text.count("not kept: ") == 1
 
 
+def test_an_input_that_is_only_in_part_in_an_archive_is_named(damaged, tmp_path, caplog):
+    """Who removed his recordings after a run that ended with 0 lost the rest: only the commits said that it lacks."""
+    pytest.importorskip("duckdb", reason="needs the extra archive")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / damaged.name).write_bytes(damaged.read_bytes())
+    words = ("archive", "run", tmp_path / "in", tmp_path / "out", "--workers", "here")
+    assert run_here(*words).returncode == 0
+    assert f"{damaged.name} is not whole in the archive: " in caplog.text
+    assert "could not be decoded" in caplog.text
+
+
 def test_what_is_measured_of_a_thinned_recording_is_only_a_part(tmp_path, caplog):
     """`bench` showed the thinned frames as if they were the drive: `rmse 0.00`, `identical`, 20 % of its points."""
     thinned = tmp_path / "thinned.mcap"
