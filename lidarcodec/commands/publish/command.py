@@ -208,10 +208,12 @@ def late(status: dict[str, Any]) -> str:
 
 
 def not_kept(status: dict[str, Any]) -> str:
-    """How many frames --keep did not keep; an empty text for none."""
-    counts = (status["past"] or {}).get("counts", {})
-    frames = counts.get("dropped", 0) + counts.get("unwritten", 0)
-    return f", {frames} of {status['assembled']} not kept: the disk, or this processor, is too slow" * bool(frames)
+    """How many frames --keep did not keep, and why; an empty text for none."""
+    past = status["past"] or {"counts": {}, "stopped": None}
+    late = past["counts"].get("dropped", 0) + past["counts"].get("unwritten", 0)
+    frames = late + past["counts"].get("not recorded", 0)
+    slow = "the disk, or this processor, is too slow" if late else "the disk did not take them"
+    return f", {frames} of {status['assembled']} not kept: {past['stopped'] or slow}" * bool(frames)
 
 
 def too_much(status: dict[str, Any]) -> str:

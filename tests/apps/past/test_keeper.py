@@ -162,6 +162,8 @@ def test_a_folder_that_cannot_be_used_stops_the_keeping_and_says_why(tmp_path: P
     in_the_way.write_text("no folder")
     keeper = kept(in_the_way, 3)
     assert keeper.state()["stopped"] is not None
+    said = not_kept({"past": keeper.state(), "assembled": 3})  # the last line of `publish` left it out
+    assert said == f", 3 of 3 not kept: {keeper.state()['stopped']}"
     assert keeper.kept.spans() == []
 
 
