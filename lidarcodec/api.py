@@ -24,13 +24,15 @@ from lidarcodec.settings import SettingChanges, StreamSettings, settings_from
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.posed import with_poses
+from lidarcodec.sources.unkept import say_unkept
 from lidarcodec.wire import pack, unpack
 
 
 def read_frames(
     source: Source | str | Path, framing: str = "revolution", *, calibration: str | Path | None = None
 ) -> Iterator[Frame]:
-    """Frames of a source. A path or URL is opened with `open_source`, and closed at the end.
+    """Frames of a source. A path or URL is opened with `open_source`, and closed at the end; a warning (logging) then
+    says what could not be read. Of a source that you opened, `counts` has it.
 
     framing: as of StreamSettings. With `revolution` the first and the last frame of a capture may be parts of a turn.
     Frames of a recording have the poses that its messages carry, and its mounting.
@@ -39,6 +41,7 @@ def read_frames(
     if isinstance(source, str | Path):
         with open_source(source, calibration=calibration) as opened:
             yield from read_frames(opened, framing)
+            say_unkept(str(source), opened.counts)
         return
     cut = frames_of(source.packets(), source.sensor, framing, current=lambda: source.sensor)
     yield from with_poses(cut, getattr(source, "carried", None), getattr(source, "mount", None))

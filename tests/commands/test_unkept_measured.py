@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from lidarcodec.api import read_frames
 from lidarcodec.recording import RecordingReader, RecordingWriter
 from lidarcodec.settings import StreamSettings
 from tests.command_line import run_here
@@ -56,6 +57,12 @@ def test_an_input_that_is_only_in_part_in_an_archive_is_named(damaged, tmp_path,
     assert run_here(*words).returncode == 0
     assert f"{damaged.name} is not whole in the archive: " in caplog.text
     assert "could not be decoded" in caplog.text
+
+
+def test_the_python_interface_says_what_it_could_not_read(damaged, caplog):
+    """A loop over `read_frames` ended as if the recording were whole."""
+    assert len(list(read_frames(damaged))) < 10
+    assert caplog.text.count("could not be decoded") == 1
 
 
 def test_what_is_measured_of_a_thinned_recording_is_only_a_part(tmp_path, caplog):
