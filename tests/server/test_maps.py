@@ -182,6 +182,23 @@ def test_a_tile_that_cannot_be_drawn_is_not_decoded_again_and_again(folder):
     assert drawn.packed(bad, other)
 
 
+def test_a_map_that_is_copied_over_another_one_is_not_taken_for_damaged(folder):
+    """`cp` writes into the file that is served. A tile that was asked for meanwhile was gone until a restart, even if
+    the new map has the same one; and bytes of another map came with its ETag."""
+    town = folder / "town.lcmap"
+    whole = town.read_bytes()
+    shelved, drawn = ShelvedMap("town", town), TilePoints()
+    tile = shelved.manifest.tiles[0]
+    with town.open("r+b") as file:
+        file.write(bytes(len(whole)))
+    for read in (shelved.read, lambda asked: drawn.packed(shelved, asked)):
+        with pytest.raises(SourceError, match="was overwritten while it was served"):
+            read(tile)
+    with town.open("r+b") as file:
+        file.write(whole)
+    assert drawn.packed(shelved, tile)
+
+
 def test_points_are_thinned_where_there_are_too_many(folder, monkeypatch):
     from lidarcodec.maps.served.shelf import MapShelf
     from lidarcodec_server import map_points

@@ -73,9 +73,17 @@ class ShelvedMap:
             raise SourceError(f"cannot read {path}: {error.strerror or error}") from None
 
     def read(self, piece: Piece, offset: int = 0, size: int | None = None) -> bytes:
-        """Bytes of a piece of the manifest. Raises SourceError if the disk does not give them."""
+        """Bytes of a piece of the manifest. Raises SourceError if the disk does not give them, or gives others, as
+        where the file was overwritten. Of a part the receiver finds that out.
+        """
         left = piece.size - offset
-        return self._read(self._offsets[piece.place] + offset, left if size is None else min(size, left))
+        data = self._read(self._offsets[piece.place] + offset, left if size is None else min(size, left))
+        if len(data) == piece.size and hashlib.sha256(data).hexdigest() != piece.hash:
+            raise SourceError(
+                f"the file of map '{self.name}' was overwritten while it was served: put a new map in its place by "
+                "renaming"
+            )
+        return data
 
     def _piece(self, place: tuple[int, int] | None, offset: int, size: int) -> Piece:
         self._offsets[place] = offset
