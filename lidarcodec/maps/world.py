@@ -36,6 +36,8 @@ CLOSE_M: Final = 0.1
 """A return lies on the map if it is within this distance of the plane of its partner."""
 UPRIGHT: Final = 0.7
 """A plane stands upright if its normal rises by less than this."""
+FLAT: Final = 0.9
+"""A plane is flat ground if its normal rises by more than this. It says nothing of where along it a sensor is."""
 FACES: Final = 0.3
 """A plane faces a direction if that part of its normal lies along it."""
 LEAST_NOISE_M: Final = 0.01
@@ -112,6 +114,15 @@ class MapWorld:
         on_wall = (np.abs(off) < CLOSE_M) & (np.abs(slopes[:, 2]) < UPRIGHT)
         return float(np.count_nonzero(on_wall) / max(len(cloud), 1))
 
+    def off_planes(self, cloud: Matrix, pose: Matrix) -> Matrix:
+        """(N,) distance of each return of a cloud (N, 3) to the plane of its partner; infinite without a partner."""
+        there = moved(invert(self._middle) @ pose, cloud)
+        places, squared = (found[:, 0] for found in self._tree.batch_knn_search(there, 1))
+        at = places.astype(np.int64)
+        off = np.abs(np.einsum("ij,ij->i", there - self._points[at], self._normals[at]))
+        found: Matrix = np.where(squared < MATCH_M**2, off, np.inf)
+        return found
+
     def _aligned(self, cloud: Matrix, pose: Matrix, stages: Schedule, prior: Prior | None) -> Matrix:
         for stage in stages if len(cloud) >= FEWEST else ():
             pose = self._stepped(sample_of(cloud, stage.share), pose, stage, prior)
@@ -124,7 +135,7 @@ class MapWorld:
             if len(off) < FEWEST:
                 break
             weights = robust / np.maximum(np.abs(off), robust)
-            system, slope = _system(off, slopes, weights)
+            system, slope = _system(off, _level(slopes), weights)
             system += 1e-6 * np.eye(6)
             if prior is not None:
                 variance = INFLATED * max(float((weights * off**2).mean()), LEAST_NOISE_M**2)
@@ -158,7 +169,7 @@ class MapWorld:
             return Fit(back, np.full((6, 6), np.inf), 0.0, len(off) / len(cloud), 0)
         close = np.abs(off) < CLOSE_M
         on_map = np.count_nonzero(close)
-        system, _ = _system(off, slopes, close.astype(np.float64))
+        system, _ = _system(off, _level(slopes), close.astype(np.float64))
         variance = max(float((off[close] ** 2).mean()) if on_map else np.inf, LEAST_NOISE_M**2)
         information = system / (INFLATED * variance) + 1e-9 * np.eye(6)
         weakest = np.linalg.eigh(inverse(information)[:3, :3])[1][:, -1]
@@ -179,6 +190,17 @@ def _system(off: Matrix, slopes: Matrix, weights: Matrix) -> tuple[Matrix, npt.N
     weighted = slopes * weights[:, None]
     # not with @: for such a small product BLAS threads wait for each other longer than they compute
     return np.einsum("ij,ik->jk", weighted, slopes), np.einsum("ij,i->j", weighted, off)
+
+
+def _level(slopes: Matrix) -> Matrix:
+    """Slopes (K, 6), of which those of flat planes say height, roll and pitch only.
+
+    Bumps of the ground lie where the sensor's rings meet it, and these go with the vehicle.
+    """
+    level = slopes.copy()
+    flat = np.abs(slopes[:, 2]) > FLAT
+    level[:, [0, 1, 5]] *= ~flat[:, None]
+    return level
 
 
 def _apart(expected: Matrix, pose: Matrix) -> Matrix:

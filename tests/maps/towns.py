@@ -72,3 +72,28 @@ def town(width_m=120.0, houses=30, seed=3, step_m=0.02, per_m2=4.0):
     steps, chosen = np.unique(np.rint(np.concatenate(xyz) / step_m).astype(np.int64), axis=0, return_index=True)
     a, b = packed_normals(np.concatenate(normals)[chosen])
     return MapPoints(step_m, steps, {"normal_a": a, "normal_b": b}, length_m=width_m)
+
+
+def open_road(posts=24, seed=1, length_m=160.0, step_m=0.02):
+    """A road along x on a bumpy ground, 40 m wide, with a rail on either side, and posts that say where along it one
+    is: plates half a metre wide that face it."""
+    random = np.random.default_rng(seed)
+    count = int(length_m * 40 * 2)
+    ground = np.stack(
+        [random.uniform(0, length_m, count), random.uniform(0, 40, count), random.normal(0, 0.02, count)], 1
+    )
+    up = random.normal((0, 0, 1), (0.05, 0.05, 0), (count, 3))
+    few = int(length_m * 10)
+    side = random.choice([12.0, 28.0], few)
+    rails = np.stack([random.uniform(0, length_m, few), side, random.uniform(0.3, 1.2, few)], axis=1)
+    at = np.repeat(
+        np.stack([random.uniform(0, length_m, posts), random.choice([10.0, 30.0], posts)], axis=1), 60, axis=0
+    )
+    plates = np.column_stack([at + [[0, 1]] * random.uniform(-0.3, 0.3, (len(at), 1)), random.uniform(0.2, 3, len(at))])
+    normals = np.concatenate([up, np.tile([0.0, 1.0, 0.0], (few, 1)), np.tile([1.0, 0.0, 0.0], (len(at), 1))])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    steps, chosen = np.unique(
+        np.rint(np.concatenate([ground, rails, plates]) / step_m).astype(np.int64), axis=0, return_index=True
+    )
+    a, b = packed_normals(normals[chosen])
+    return MapPoints(step_m, steps, {"normal_a": a, "normal_b": b})

@@ -158,7 +158,7 @@ class Localiser:
         fit = search.result()
         if fit is not None:
             self._trying = False
-            self.tracker.found(scan.stamp_ns, fit)
+            self.tracker.found(scan, fit)
             self._search_rest.end()
         else:
             self._search_rest.begin(scan.stamp_ns)

@@ -5,8 +5,9 @@
     lost        a pose was known, and several scans in a row do not lie in the map, or do not say where they are
 
 A scan is registered from where the last motion leads. It is good if enough of its returns lie in the map, and if the
-pose follows from them: its standard deviation is small in every direction. A pose found by a search or given from
-outside counts once three scans in a row are good, and what stands above the ground lies in the map, too.
+pose follows from them: its standard deviation is small in every direction. What stands above the ground must also
+speak for this place against places metres away. A pose found by a search or given from outside counts once one of the
+places that it may mean is clearly the best.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from lidarcodec.evaluation.localisation.icp import COARSE
-from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
+from lidarcodec.evaluation.rigid import Matrix, exp_so3
 from lidarcodec.evaluation.trajectory import Scan, deskewed, near, voxel_means
-from lidarcodec.maps.localise.standing import above_ground, is_here
+from lidarcodec.maps.localise.evidence import NONE, RIVALS_M, Evidence, seen_from, shifted, support, weakest, weigh
+from lidarcodec.maps.localise.standing import is_here
+from lidarcodec.maps.localise.starting import CLEAR, SHARE, SPREAD_M, Start, motion, velocity_of
 from lidarcodec.maps.localise.window import Window
 from lidarcodec.maps.world import NEAR, Fit, MapWorld, Prior, inverse
 
@@ -40,8 +43,6 @@ MOST_SIGMA_M: Final = 0.5
 FACING: Final = 8
 """Fewest returns from which the position follows in the worst direction, as along an open road. A few planes that face
 it, or many that nearly lie in it, agree with wrong places as well, and the standard deviation does not tell."""
-CONFIRMING: Final = 3
-"""Good scans in a row from which on a new pose counts."""
 MISSES: Final = 5
 """Scans in a row that are not good, after which the position is lost."""
 GAP_S: Final = 5.0
@@ -49,8 +50,13 @@ GAP_S: Final = 5.0
 ACCELERATION: Final = (5.0, 2.0)
 """m/s^2 and rad/s^2 that a vehicle may have against the model of constant velocity."""
 FASTEST_M_S: Final = 80.0
-SPEEDS_M_S: Final = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, -8.0)
-"""Speeds that are tried between the first two scans."""
+REMEMBERED: Final = 0.8
+"""Weight of the evidence of scans before."""
+STILL_GAIN: Final = CLEAR / 2
+STILL_SHARE: Final = SHARE / 2
+"""Evidence that a sensor that is tracked needs."""
+AGAINST: Final = 0.4
+"""Less than this part of the evidence that is due speaks against the place of a scan."""
 TURNS_DEG: Final = (0.0, -12.0, 12.0)
 """Turns of a proposed pose that are tried."""
 WIDE: Final = (*COARSE[:3], *NEAR)
@@ -76,7 +82,7 @@ class Estimate(NamedTuple):
 
 @dataclass
 class _Known:
-    """The last pose, its covariance, and the motion (v, w) in m/s and rad/s along the sensor's axes."""
+    """The last good pose, its covariance, and the motion (v, w) in m/s and rad/s along the sensor's axes."""
 
     stamp_ns: int
     pose: Matrix
@@ -84,7 +90,11 @@ class _Known:
     velocity: Matrix
     usual: float
     """Share of a scan's returns that lie in the map, over the last scans."""
-    good: int = 1
+    evidence: Evidence
+    """Of the last scans."""
+    interval: float
+    """Seconds between the last two scans that were good."""
+    number: int = 0
     missed: int = 0
 
     @property
@@ -95,12 +105,17 @@ class _Known:
     def after(self, stamp_ns: int) -> tuple[Matrix, Matrix]:
         """Pose and covariance that are expected at a later time."""
         took = (stamp_ns - self.stamp_ns) * 1e-9
-        step = np.eye(4)
-        step[:3, :3], step[:3, 3] = exp_so3(self.velocity[3:] * took), self.velocity[:3] * took
         metres, radians = (0.5 * most * took**2 for most in ACCELERATION)
-        # the velocity is the difference of two poses: 2 p1 - p0 has five times the variance of one
-        grown = 5 * self.covariance + np.diag([metres**2] * 3 + [radians**2] * 3)
-        return self.pose @ step, grown
+        # the velocity is the difference of two poses: p1 + n (p1 - p0) has (n + 1)^2 + n^2 times the variance of one
+        steps = took / self.interval
+        growth = (steps + 1) ** 2 + steps**2
+        grown = growth * self.covariance + np.diag([metres**2] * 3 + [radians**2] * 3)
+        return self.pose @ motion(self.velocity, took), grown
+
+    def contradicted(self, new: Evidence) -> bool:
+        """Whether much should speak for the place of a scan, by the scans before, and little does."""
+        due = self.evidence.share * new.possible
+        return due > CLEAR and (new.gain < AGAINST * due or new.lead < 0)
 
 
 class Tracker:
@@ -110,6 +125,8 @@ class Tracker:
         self._window = window
         self._state: State = "searching"
         self._known: _Known | None = None
+        self._start: Start | None = None
+        self._last_ns = 0
         self._proposed: list[Matrix] = []
         self.lost_times = 0
 
@@ -121,37 +138,46 @@ class Tracker:
     @property
     def unknown(self) -> bool:
         """Whether no pose is being tracked or confirmed, so that a search would help."""
-        return self._known is None
+        return self._known is None and self._start is None
 
     def propose(self, pose: Matrix) -> None:
         """Try an approximate pose (4, 4), up to 5 m and 20 degrees off, with the next scan, unless one is tracked."""
-        if self._known is None:  # the place before stays, where the position was lost
+        if self.unknown:  # the place before stays, where the position was lost
             turned = [pose @ turned_by(degrees) for degrees in TURNS_DEG]
             self._proposed = [*turned, *self._proposed[: len(TURNS_DEG)]]
 
-    def found(self, stamp_ns: int, fit: Fit) -> None:
+    def found(self, scan: Scan, fit: Fit) -> None:
         """Begin with a pose that a search found for an earlier scan."""
-        self._begin(stamp_ns, fit)
+        self._last_ns = scan.stamp_ns
+        self._begin(scan.stamp_ns, self.cloud_of(scan), fit)
 
     def track(self, scan: Scan) -> Estimate:
         """The estimate after one more scan; scans come in the order of their stamps, others are not used.
 
         Raises SourceError if the map has too many points around the pose.
         """
-        known = self._known
-        if known is not None and abs(scan.stamp_ns - known.stamp_ns) > GAP_S * 1e9:
-            self._lose(known)
-        elif known is not None and scan.stamp_ns <= known.stamp_ns:
+        last_ns, self._last_ns = self._last_ns, scan.stamp_ns
+        if not self.unknown and abs(scan.stamp_ns - last_ns) > GAP_S * 1e9:
+            self._lose()
+        elif not self.unknown and scan.stamp_ns <= last_ns:
+            self._last_ns = last_ns
             return Estimate(scan.stamp_ns, self._state, None, None, 0.0, 0.0)
-        fit = self._try_proposed(scan) if self._known is None else self._go_on(self._known, scan)
+        if self._known is not None:
+            fit = self._go_on(self._known, scan)
+        elif self._start is not None:
+            fit = self._confirm(self._start, scan)
+        else:
+            fit = self._try_proposed(scan)
         known = self._known
         if known is None or self._state != "tracking":
             return Estimate(scan.stamp_ns, self._state, None, None, fit.share, fit.partners)
-        return Estimate(scan.stamp_ns, "tracking", known.pose, known.covariance, fit.share, fit.partners)
+        pose, covariance = known.after(scan.stamp_ns) if known.missed else (known.pose, known.covariance)
+        return Estimate(scan.stamp_ns, "tracking", pose, covariance, fit.share, fit.partners)
 
-    def cloud_of(self, scan: Scan) -> Matrix:
-        """(N, 3) means of cells of a scan, straightened by the motion as far as it is known."""
-        velocity = np.zeros(6) if self._known is None else self._known.velocity
+    def cloud_of(self, scan: Scan, velocity: Matrix | None = None) -> Matrix:
+        """(N, 3) means of cells of a scan, straightened by a velocity (6,), or by the motion as far as it is known."""
+        if velocity is None:
+            velocity = np.zeros(6) if self._known is None else self._known.velocity
         every = -(-len(scan.points) // MOST_RETURNS) or 1
         few = Scan(scan.stamp_ns, scan.points[::every], scan.after_s[::every])
         return voxel_means(near(deskewed(few, velocity)), CELL_M)
@@ -164,66 +190,93 @@ class Tracker:
             world = self._window.around(pose[:3, 3])
             if world is not None:
                 best = max(best, world.fit(cloud, pose, WIDE), key=lying)
-        if is_good(best, FOUND):
-            self._begin(scan.stamp_ns, best)
+        if lying(best) >= FOUND:
+            self._begin(scan.stamp_ns, cloud, best)
         return best
 
-    def _begin(self, stamp_ns: int, fit: Fit) -> None:
-        self._known = _Known(stamp_ns, fit.pose, fit.covariance, np.zeros(6), lying(fit))
+    def _begin(self, stamp_ns: int, cloud: Matrix, fit: Fit) -> None:
+        world = self._window.around(fit.pose[:3, 3])
+        if world is not None:
+            self._start = Start(stamp_ns, world, cloud, fit)
+
+    def _confirm(self, start: Start, scan: Scan) -> Fit:
+        """Follow the places that a start may mean, until one is clearly the best, or none will be."""
+        start.take(scan.stamp_ns, self._window, lambda velocity: self.cloud_of(scan, velocity))
+        best = start.best
+        world = self._window.around(best.pose[:3, 3])
+        cloud = self.cloud_of(scan, best.velocity)
+        if start.clear and world is not None and best.velocity is not None:
+            fit = world.fit(cloud, best.pose, NEAR, Prior(best.pose, inverse(best.fit.covariance)))
+            if holds(fit, FOUND) and is_here(world, cloud, fit):
+                self._start, self._state = None, "tracking"
+                covariance, usual = at_least(fit.covariance, best.evidence), lying(fit)
+                self._known = _Known(
+                    scan.stamp_ns, fit.pose, covariance, best.velocity, usual, best.evidence, start.interval
+                )
+                return fit
+        if start.hopeless:
+            self._lose()
+        return best.fit
 
     def _go_on(self, known: _Known, scan: Scan) -> Fit:
-        """Register a scan from where the last motion leads. After the first one the motion is not known yet."""
+        """Register a scan from where the last motion leads."""
         expected, covariance = known.after(scan.stamp_ns)
-        first = known.good == 1
         took = (scan.stamp_ns - known.stamp_ns) * 1e-9
-        fit, cloud, world = NOTHING, NO_POINTS, self._window.around(expected[:3, 3])
+        fit, new, evidence, world = NOTHING, NONE, known.evidence, self._window.around(expected[:3, 3])
         if world is not None:
             cloud = self.cloud_of(scan)
-            if first:
-                fit = _moving(world, cloud, expected, took)
-            else:
-                fit = world.fit(cloud, expected, NEAR, Prior(expected, inverse(covariance)))
-            if not first and not is_good(fit, known.least):
+            fit = world.fit(cloud, expected, NEAR, Prior(expected, inverse(covariance)))
+            if not holds(fit, known.least):
                 fit = max(fit, world.fit(cloud, expected, WIDE), key=lying)
-        step = invert(known.pose) @ fit.pose
-        # not before: a start that is metres off may need two scans to come to its place
-        here = known.good + 1 != CONFIRMING or (world is not None and is_here(world, cloud, fit))
-        if here and is_good(fit, known.least) and np.linalg.norm(step[:3, 3]) < FASTEST_M_S * max(took, 0.05):
-            velocity = np.hstack([step[:3, 3], log_so3(step[None, :3, :3])[0]]) / took
+            fit, new = self._weighed(known, world, cloud, fit)
+            evidence = known.evidence.and_then(new, REMEMBERED)
+        velocity = velocity_of(known.pose, fit.pose, took)
+        good = holds(fit, known.least) and not known.contradicted(new) and speaks(evidence)
+        if good and np.linalg.norm(velocity[:3]) < FASTEST_M_S:
             usual = known.usual + FORGETTING * (lying(fit) - known.usual)
-            self._known = _Known(scan.stamp_ns, fit.pose, fit.covariance, velocity, usual, known.good + 1)
-            if self._known.good >= CONFIRMING:
-                self._state = "tracking"
-        elif known.missed + 1 >= MISSES or known.good < CONFIRMING or sigma_m(covariance) > MOST_SIGMA_M:
-            self._lose(known)
+            covariance = at_least(fit.covariance, evidence)
+            number = known.number + 1
+            self._known = _Known(scan.stamp_ns, fit.pose, covariance, velocity, usual, evidence, took, number)
+        elif known.missed + 1 >= MISSES or sigma_m(covariance) > MOST_SIGMA_M:
+            self._lose()
         else:
-            self._known = replace(
-                known, stamp_ns=scan.stamp_ns, pose=expected, covariance=covariance, missed=known.missed + 1
-            )
+            self._known = replace(known, missed=known.missed + 1, evidence=evidence, number=known.number + 1)
         return fit
 
-    def _lose(self, known: _Known) -> None:
-        self._known = None
-        if known.good >= CONFIRMING:
+    def _weighed(self, known: _Known, world: MapWorld, cloud: Matrix, fit: Fit) -> tuple[Fit, Evidence]:
+        """The fit and its evidence, or those of a place beside it, if what stands speaks for that."""
+        way, seen = weakest(fit.covariance), seen_from(cloud, fit.pose)
+        rivals = (RIVALS_M[known.number % len(RIVALS_M)],)
+        new = weigh(world, seen, fit.pose, way, rivals)
+        if not known.contradicted(new):
+            return fit, new
+        tried = [world.fit(seen.all, shifted(fit.pose, metres * way), NEAR) for metres in SPREAD_M]
+        best = max(tried, key=lambda one: support(world, seen.standing, one.pose))
+        other = weigh(world, seen, best.pose, way, rivals)
+        return (fit, new) if known.contradicted(other) else (world.fit(cloud, best.pose, NEAR), other)
+
+    def _lose(self) -> None:
+        known, self._known, self._start = self._known, None, None
+        if known is not None:
             self._state = "lost"
             self.lost_times += 1
             self.propose(known.pose)
 
 
-def _moving(world: MapWorld, cloud: Matrix, pose: Matrix, took: float) -> Fit:
-    """A cloud a moment after the pose of the scan before, of a vehicle of unknown speed: the best of several speeds.
+def at_least(covariance: Matrix, evidence: Evidence) -> Matrix:
+    """The covariance, and in its worst direction no less than the likelihood says."""
+    way = weakest(covariance)
+    more = evidence.variance - float(way @ covariance[:3, :3] @ way)
+    if more <= 0:
+        return covariance
+    grown = covariance.copy()
+    grown[:3, :3] += more * np.outer(way, way)
+    return grown
 
-    On an open road a scan lies nearly as well where the vehicle was before. What stands beside the road tells.
-    """
-    best, most = NOTHING, -1.0
-    for speed in SPEEDS_M_S:
-        ahead = np.eye(4)
-        ahead[0, 3] = speed * took
-        fit = world.fit(cloud, pose @ ahead, WIDE)
-        score = lying(fit) + world.upright(cloud[above_ground(moved(fit.pose, cloud))], fit.pose)
-        if score > most:
-            best, most = fit, score
-    return best
+
+def speaks(evidence: Evidence) -> bool:
+    """Whether what stands still speaks for the place of a sensor that is tracked."""
+    return evidence.lead > 0 and evidence.gain > STILL_GAIN and evidence.share > STILL_SHARE
 
 
 NO_POINTS: Final = np.empty((0, 3))
@@ -249,6 +302,11 @@ def sigma_m(covariance: Matrix) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
-def is_good(fit: Fit, least: float) -> bool:
+def holds(fit: Fit, least: float) -> bool:
     """Whether enough of the scan lies in the map, and the pose follows from it."""
-    return lying(fit) >= least and sigma_m(fit.covariance) <= MOST_SIGMA_M and fit.facing >= FACING
+    return lying(fit) >= least and sigma_m(fit.covariance) <= MOST_SIGMA_M
+
+
+def is_good(fit: Fit, least: float) -> bool:
+    """The same of a single scan, of which several returns must face the direction that is least certain."""
+    return holds(fit, least) and fit.facing >= FACING
