@@ -97,8 +97,9 @@ def read_plan(store: Store, name: str) -> dict[str, Any]:
         for key in ("vehicle", "sensor"):
             if not is_name(_text(value[key])):
                 raise ValueError(f"its {key} has no valid name")
-        if value["not_kept"] is not None:
-            _text(value["not_kept"])
+        for key in ("not_kept", "lost"):
+            if value[key] is not None:
+                _text(value[key])
         for one in value["segments"]:
             Segment.of(one)
         return value

@@ -114,7 +114,7 @@ class CompressPlan:
         found += self._lacking[:SHOWN]
         if (more := len(self._lacking) - SHOWN) > 0:
             found.append(
-                f"{more:,} more of the inputs are not whole in the archive: `not_kept` of their commits says why"
+                f"{more:,} more of the inputs are not wholly in the archive: `not_kept` of their commits says why"
             )
         return found
 
@@ -142,8 +142,8 @@ class CompressPlan:
 
     def _segments(self, cutting: Task, plan: dict[str, Any]) -> Iterator[Task]:
         origin = cutting.value["origin"]
-        if plan["not_kept"] is not None:
-            self._lacking.append(f"{cutting.label} is not whole in the archive: {plan['not_kept']}")
+        if plan["lost"] is not None:
+            self._lacking.append(f"{cutting.label}: not all of it is in the archive: {plan['lost']}")
         value = {name: cutting.value[name] for name in ("input", "name", "origin", "settings")}
         value |= {name: plan[name] for name in ("vehicle", "sensor", "not_kept")}
         for number, one in enumerate(plan["segments"]):

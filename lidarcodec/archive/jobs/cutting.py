@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +14,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
 from lidarcodec.settings import settings_from
-from lidarcodec.sources.unkept import unkept
+from lidarcodec.sources.unkept import IN_PART, unkept
 
 
 def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
@@ -35,7 +36,8 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
         )
         segments = list(cut(_sizes(frames), value["seconds"]))
         vehicle, sensor = named(packets, one)
-        lost = [unkept(packets.counts)]
+        in_part = Counter({cause: packets.counts[cause] for cause in IN_PART})
+        lost = [unkept(packets.counts - in_part)]
         lost += ["the input is cut off or damaged"] * bool(packets.counts["truncated"] or packets.counts["damaged"])
     if not segments:
         raise SourceError("it has no frame")
@@ -47,7 +49,8 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
         "settings": value["settings"],
         "seconds": value["seconds"],
         "segments": [segment.plain() for segment in segments],
-        "not_kept": "; ".join(filter(None, lost)) or None,
+        "not_kept": "; ".join(filter(None, [*lost, unkept(in_part)])) or None,
+        "lost": "; ".join(filter(None, lost)) or None,  # the same without what the input itself has only in part
     }
     target.create(PlanName(one.name_id(), one.id(), value["origin"], len(segments)).object, json_of(plan))
     return plan
