@@ -95,7 +95,7 @@ class MapWorld:
 
     def align(self, cloud: Matrix, start: Matrix, stages: Schedule) -> Matrix:
         """(4, 4) T_world_sensor of a cloud (N, 3) in the sensor's frame; `start` for a cloud of too few points."""
-        back: Matrix = self._middle @ self._aligned(cloud, invert(self._middle) @ start, stages, None)
+        back: Matrix = self._middle @ self._aligned(cloud, invert(self._middle) @ start, stages, None, level=False)
         return back
 
     def fit(self, cloud: Matrix, start: Matrix, stages: Schedule, prior: Prior | None = None) -> Fit:
@@ -123,19 +123,22 @@ class MapWorld:
         found: Matrix = np.where(squared < MATCH_M**2, off, np.inf)
         return found
 
-    def _aligned(self, cloud: Matrix, pose: Matrix, stages: Schedule, prior: Prior | None) -> Matrix:
+    def _aligned(
+        self, cloud: Matrix, pose: Matrix, stages: Schedule, prior: Prior | None, *, level: bool = True
+    ) -> Matrix:
+        """level: whether flat planes say height, roll and pitch only"""
         for stage in stages if len(cloud) >= FEWEST else ():
-            pose = self._stepped(sample_of(cloud, stage.share), pose, stage, prior)
+            pose = self._stepped(sample_of(cloud, stage.share), pose, stage, prior, level=level)
         return pose
 
-    def _stepped(self, source: Matrix, pose: Matrix, stage: Stage, prior: Prior | None) -> Matrix:
+    def _stepped(self, source: Matrix, pose: Matrix, stage: Stage, prior: Prior | None, *, level: bool) -> Matrix:
         robust = max(ROBUST_M, ROBUST_SHARE * stage.distance_m)
         for _ in range(stage.iterations):
             off, slopes = self._matched(source, pose, stage.distance_m)
             if len(off) < FEWEST:
                 break
             weights = robust / np.maximum(np.abs(off), robust)
-            system, slope = _system(off, _level(slopes), weights)
+            system, slope = _system(off, _level(slopes) if level else slopes, weights)
             system += 1e-6 * np.eye(6)
             if prior is not None:
                 variance = INFLATED * max(float((weights * off**2).mean()), LEAST_NOISE_M**2)

@@ -91,7 +91,7 @@ class _Known:
     usual: float
     """Share of a scan's returns that lie in the map, over the last scans."""
     evidence: Evidence
-    """Of the last scans."""
+    """Of the last good scans."""
     interval: float
     """Seconds between the last two scans that were good."""
     number: int = 0
@@ -240,7 +240,8 @@ class Tracker:
         elif known.missed + 1 >= MISSES or sigma_m(covariance) > MOST_SIGMA_M:
             self._lose()
         else:
-            self._known = replace(known, missed=known.missed + 1, evidence=evidence, number=known.number + 1)
+            # its evidence is not forgotten: a scan that is found again must be as clear as those before
+            self._known = replace(known, missed=known.missed + 1, number=known.number + 1)
         return fit
 
     def _weighed(self, known: _Known, world: MapWorld, cloud: Matrix, fit: Fit) -> tuple[Fit, Evidence]:
