@@ -25,7 +25,7 @@ from lidarcodec.interop.ros import RosType
 ADMIN_SPACE: Final = "@ros2_lv"
 ROOT: Final = "/"
 NO_HASH: Final = "TypeHashNotSupported"
-"""What stands in place of a type's hash before ROS 2 Iron, in Humble."""
+"""Replaces the hash of a type in Humble, before ROS 2 Iron."""
 MAX_DOMAIN: Final = 232
 _ATTACHMENT: Final = struct.Struct("<qqB16s")
 _NAME: Final = re.compile(r"(/[A-Za-z][A-Za-z0-9_]*)+")
@@ -37,7 +37,7 @@ def mangled(name: str) -> str:
 
 
 def topic_name(*parts: str) -> str:
-    """A topic of these names: what ROS allows in none becomes an underscore, a digit at the beginning gets an `n`.
+    """A topic of these names. Characters that ROS does not allow become `_`; a leading digit gets an `n` before it.
 
     >>> topic_name("car-7", "2nd.roof", "points")
     '/car_7/n2nd_roof/points'
@@ -87,17 +87,17 @@ class Publisher:
 
     @property
     def type_hash(self) -> str:
-        """As it stands in keys."""
+        """Hash of the type, as keys have it."""
         return self.type.type_hash if self.node.type_hashes else NO_HASH
 
     @property
     def key(self) -> str:
-        """On which its messages are put."""
+        """Key of its messages."""
         return f"{self.node.domain}/{self.topic.strip('/')}/{self.type.dds_name}/{self.type_hash}"
 
     @property
     def token(self) -> str:
-        """Its liveliness token. Qualities of service stand as numbers, and not at all where they are the default."""
+        """Its liveliness token. Qualities of service are numbers; defaults are left out."""
         node = self.node
         names = f"{mangled(ROOT)}/{mangled(ROOT)}/{node.name}/{mangled(self.topic)}/{self.type.dds_name}"
         entity = f"{ADMIN_SPACE}/{node.domain}/{node.session}/0/{self.number}/MP"
@@ -116,5 +116,5 @@ class Publisher:
         return int(xxhash.xxh3_128_intdigest(self.token.encode())).to_bytes(16, "little")
 
     def attachment(self, number: int, stamp_ns: int) -> bytes:
-        """What goes beside its message of this number, counted from 1, sent at this time."""
+        """Attachment of a message. number: of the message, counted from 1; stamp_ns: when it is sent"""
         return _ATTACHMENT.pack(number, stamp_ns, len(self.gid), self.gid)

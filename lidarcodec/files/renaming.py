@@ -1,4 +1,4 @@
-"""Renames that take nobody's place, and swaps of two names, in one step: Python has no functions for them.
+"""Renames that never replace a file, and swaps of two names, in one step: Python has no functions for them.
 
 >>> import tempfile
 >>> folder = Path(tempfile.mkdtemp())
@@ -22,13 +22,13 @@ _HERE: Final = -100
 _NO_REPLACE: Final = 1
 _EXCHANGE: Final = 2
 _UNKNOWN: Final = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
-"""What a system or a file system answers that has no such rename."""
+"""Errors of systems and file systems without such renames."""
 
 
 def rename_new(old: Path, new: Path) -> None:
     """Give a file or folder a new name that nothing has yet.
 
-    Raises FileExistsError if something has it, also a link that leads nowhere; OSError.
+    Raises FileExistsError if the name is taken, also by a broken link; OSError.
     """
     try:
         _renameat2(old, new, _NO_REPLACE)

@@ -24,7 +24,7 @@ from lidarcodec.errors import SectionError, SettingsError, UnknownNameError
 from lidarcodec.network.tiles import tiles_left
 
 INPUTS_ALONE: Final = 72
-"""Inputs of a network for frames that expect nothing."""
+"""Inputs of a network for frames without expected ranges."""
 INPUTS_EXPECTING: Final = 112
 OUTPUTS: Final = 32
 """Log odds: 1 to 15 of the nodes of the tree of leaves, 16 to 31 of the first offset bit in leaf 0 to 15."""
@@ -37,16 +37,16 @@ OUTPUT_UNIT: Final = 32768 / 6
 SHIFTS: Final = (range(3, 14), range(3, 14), range(9, 14))
 """By how many bits the weights of each layer may be shifted."""
 _MORE: Final = (2, 0, -9)
-"""By how many more its sums are: the units of what goes in and comes out are 32 and 8, 8 and 8, 8 and 4096."""
+"""Additional shift of the sums of each layer. Units of its inputs and outputs: 32 and 8, 8 and 8, 8 and 4096."""
 _MOST_HALF: Final = 1 << 14
-"""What rounds a sum, at most."""
+"""Largest number that is added to a sum to round it."""
 LAYERS: Final = 3
 ROW_CASES: Final = 64
 SCALE_CASES: Final = 32
 CASES: Final = ROW_CASES + SCALE_CASES
 """Rows and scales, each of which may have biases of its own in the first layer."""
 CASE_BITS: Final = 6
-"""Such a bias has 64 steps to a unit."""
+"""Fraction bits of these biases: a unit has 64 steps."""
 _ROW_INPUT: Final = 52
 _SCALE_INPUT: Final = 47
 _HIDDEN: Final = range(8, 257, 8)
@@ -94,7 +94,7 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A network. expects: whether it knows what to expect (112 inputs, else 72); size: its class, 0 to 2; three layers.
+    """A network of three layers. expects: whether it takes expected ranges (112 inputs, else 72); size: class 0 to 2
 
     Raises SectionError for layers that do not fit each other, a shift out of range, or sums that may pass 32 bits.
     """
@@ -179,7 +179,7 @@ def check_dims(expects: bool, dims: Sequence[int]) -> None:
 
 
 def _largest_sum(weights: Integers, bias: Integers, largest: int, case_shift: int) -> int:
-    """case_shift: that of a layer with biases of cases, else 0."""
+    """The largest sum of a layer. case_shift: its shift if it has biases of rows and scales, else 0."""
     of_cases = 2 * 128 << case_shift - 1 if case_shift else 0
     return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max()) + of_cases + _MOST_HALF
 
@@ -277,7 +277,7 @@ def _of_cases(layer: Layer, inputs: npt.NDArray[np.int8]) -> Integers:
 
 
 def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]], more: int, add: Integers | int = 0) -> Integers:
-    """What a layer adds up, in units of what comes out, rounded."""
+    """Sums of a layer, in units of its outputs, rounded."""
     shift = layer.shift + more
     exact = values.astype(np.float64) @ layer.weights.T.astype(np.float64)  # below 2^53, so exact in any order
     sums: Integers = exact.astype(np.int64) + layer.bias + add + ((1 << shift) >> 1)

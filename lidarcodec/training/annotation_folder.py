@@ -132,8 +132,8 @@ class AnnotationFolder:
         self._save(f"frames/{index:06d}.npz", **told)
 
     def frame(self, index: int, sensor: SensorModel | None = None) -> Frame:
-        """Read a frame, with the stamp of its scan. It has no side information, or what other sensors than an HDL-64E
-        need for points. Raises SourceError.
+        """Read a frame, with the stamp of its scan. It has no side information; for sensors other than an HDL-64E, it
+        has only what points need. Raises SourceError.
         """
         file = self._load(f"frames/{index:06d}.npz")
         sensor = self.sensor if sensor is None else sensor

@@ -88,7 +88,7 @@ def connecting(identity: Identity, network: Network, people: People, *, routed: 
 
 
 def _tls(identity: Identity, network: Network) -> dict[str, Any]:
-    """Whom to believe, and how to prove who we are."""
+    """Options of TLS: the trusted authority, and our own certificate or password."""
     options: dict[str, Any] = {
         f"{TLS}/root_ca_certificate_base64": identity.ca,
         f"{TLS}/verify_name_on_connect": True,

@@ -100,7 +100,7 @@ class Keeper:
     """
 
     def __init__(self, keep: Keep, keys: StreamKeys) -> None:
-        """Raises SettingsError for a size that is too small, and for conditions that are none."""
+        """Raises SettingsError for a size that is too small, and for invalid conditions."""
         if keep.max_bytes < MIN_BYTES:
             raise SettingsError(f"keep at least {MIN_BYTES} bytes, not {keep.max_bytes}", "keep")
         self.keep, self.keys = keep, keys

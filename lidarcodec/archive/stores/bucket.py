@@ -18,10 +18,10 @@ _RETRIES: Final = 8
 """Repetitions of a request that the store may answer later (errors 500 and 503, cut connections)."""
 
 _PAUSES_S: Final = (0.5, 2.0)
-"""Before a request is repeated whose answer was cut."""
+"""Pauses before each repetition of a request whose answer was cut."""
 Result = TypeVar("Result")
 _asked_by: int | None = None
-"""Process that asked first. obstore hangs in one that was forked from it."""
+"""The first process that used obstore. obstore hangs in processes that are forked from it."""
 
 
 def _check_process() -> None:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import laspy
 
 GPS_EPOCH_S: Final = 315_964_800
-"""Begin of GPS time, 6 January 1980, in seconds of Unix time."""
+"""Start of GPS time, 6 January 1980, in seconds of Unix time."""
 ADJUSTED_S: Final = 1_000_000_000
-"""What LAS subtracts from GPS seconds ("adjusted standard GPS time", LAS 1.4 R15, table 4, bit 0)."""
+"""LAS subtracts this from GPS seconds ("adjusted standard GPS time", LAS 1.4 R15, table 4, bit 0)."""
 LEAP_SECONDS: Final = (
     362793600, 394329600, 425865600, 489024000, 567993600, 631152000, 662688000, 709948800, 741484800, 773020800,
     820454400, 867715200, 915148800, 1136073600, 1230768000, 1341100800, 1435708800, 1483228800,
@@ -40,9 +40,9 @@ def gps_seconds(stamp_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
 
 
 def returns_of_beams(cloud: Cloud, number: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """(N,) uint8, how many of these points the beam of each one gave. A beam is a laser at a time.
+    """(N,) uint8, number of returns of each point's beam. A beam is one firing of one laser.
 
-    number: (N,) which return of its beam a point is
+    number: (N,) number of each point among the returns of its beam
     """
     beams = (cloud["t_ns"] - cloud["t_ns"].min(initial=np.iinfo(np.int64).max)) * 256 + cloud["laser"]
     twice: npt.NDArray[np.bool_] = np.isin(beams, beams[number == 2])
@@ -51,7 +51,7 @@ def returns_of_beams(cloud: Cloud, number: npt.NDArray[np.uint8]) -> npt.NDArray
 
 @contextmanager
 def _failing() -> Iterator[None]:
-    """Raises OSError where the library that compresses says in its own words that it cannot write."""
+    """Raises OSError instead of the error of the LAZ library when a file cannot be written."""
     try:
         yield
     except Exception as error:
