@@ -34,9 +34,11 @@ LOOSE: Final = ((0.5, 0.05), (0.3, 0.02))
 CLEAR: Final = INFLATED * float(np.log(100.0))
 """Evidence with which a place is clearly better than others: a hundred to one, where ten returns side by side count as
 one."""
-SHARE: Final = 0.15
+SHARE: Final = 0.2
 """Part of what could speak for a place that must. Measured: 0.23 and more at right places of whole scans, less than 0.1
-at places of another road."""
+at places of another road, and up to 0.23 by chance, for a few scans, on a road whose posts were all moved."""
+SURE: Final = 0.4
+"""With less, a place is followed for SOME_SCANS: what agrees by chance seldom does so for long."""
 BRANCHING: Final = 2
 """Scans from which all speeds are tried: the first one's place may be a metre off, its speed ten metres a second."""
 BARE: Final = 0.05
@@ -82,7 +84,9 @@ class Start:
             one.score for one in self.guesses if np.linalg.norm(one.pose[:3, 3] - best.pose[:3, 3]) > OTHER_M
         ]  # fmt: skip
         margin = best.score - max(others, default=-np.inf)  # those that are far worse were left out
-        return self.scans >= LEAST_SCANS and min(margin, best.evidence.lead) >= CLEAR and best.evidence.share >= SHARE
+        share = best.evidence.share
+        enough = self.scans >= (LEAST_SCANS if share >= SURE else SOME_SCANS)
+        return enough and min(margin, best.evidence.lead) >= CLEAR and share >= SHARE
 
     @property
     def hopeless(self) -> bool:
