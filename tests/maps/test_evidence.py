@@ -90,6 +90,22 @@ def test_a_sensor_that_comes_to_an_unknown_stretch_is_said_to_be_lost(here, monk
         assert last.state == "lost"
 
 
+@pytest.mark.parametrize("seed", [13, 14])
+def test_a_few_posts_that_agree_by_chance_are_no_place(here, monkeypatch, seed):
+    """A sixth of them did, 11 m beside: it was tracked there, three scans after it had been lost."""
+    monkeypatch.setattr(test_localise, "RANDOM", np.random.default_rng(seed))
+    moved = open_road(seed=seed).xyz
+    with Localiser(here) as localiser:
+        localiser.start(60.0, 20.0, 0.0)
+        claimed(localiser, [at(number) for number in range(6)])
+        found = [
+            None if (one := localiser.take(scan_at(at(number), number, moved, 4000))[-1]).pose is None
+            else (off_m(one.pose, at(number)), sigma_m(one.covariance))
+            for number in range(6, 18)
+        ]  # fmt: skip
+    assert not wrong(found)
+
+
 def test_a_pose_is_as_far_off_as_its_deviation_says(here):
     with Localiser(here) as localiser:
         localiser.start(60.0, 20.0, 0.0)
