@@ -79,13 +79,19 @@ def unkept(counts: Counter[str]) -> str | None:
     return ", ".join(found) or None
 
 
+def apart(counts: Counter[str]) -> tuple[Counter[str], Counter[str]]:
+    """The counts of what was not kept, and those of what the source itself has only in part."""
+    in_part = Counter({cause: counts[cause] for cause in IN_PART})
+    return counts - in_part, in_part
+
+
 def say_unkept(label: str, counts: Counter[str], short: ShortTurns | None = None) -> None:
     """Warn about data of a source that was not kept, or that it could not give. No warning if there is none.
 
     short: turns of it that lack columns
     """
-    in_part = Counter({cause: counts[cause] for cause in IN_PART})
-    if (left := unkept(counts - in_part)) is not None:
+    lost, in_part = apart(counts)
+    if (left := unkept(lost)) is not None:
         logger.warning("%s: not kept: %s", label, left)
     if (left := unkept(in_part)) is not None:
         logger.warning("%s: only in part: %s", label, left)

@@ -15,10 +15,12 @@ from tests.clients.c_session import CSession
 from tests.conftest import ROOT
 
 BUILD = ROOT / "build" / "native"
+Build = Callable[[str, Callable[[Path], None]], Path]
+"""Gives the folder of a name, which the function makes if it was not made in this run."""
 
 
 @pytest.fixture(scope="session")
-def built_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+def built_once(tmp_path_factory: pytest.TempPathFactory) -> Build:
     """A folder that is built once in a run of the tests, for all processes of `pytest -n`.
 
     It stays below build/, so that the next run only builds what has changed.
@@ -39,7 +41,7 @@ def built_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Calla
 
 
 @pytest.fixture(scope="session")
-def installed(built_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+def installed(built_once: Build) -> Path:
     """The library as `cmake --install` puts it into a folder."""
     if not list((BUILD / "native" / "c").glob("liblidarcodec.*")):
         pytest.skip(
@@ -55,7 +57,7 @@ def installed(built_once: Callable[[str, Callable[[Path], None]], Path]) -> Path
 
 
 @pytest.fixture(scope="session")
-def programs(installed: Path, built_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+def programs(installed: Path, built_once: Build) -> Path:
     """The folder of the programs of clients/cpp, built against the library as it is installed."""
     if shutil.which("cmake") is None:
         pytest.skip("needs cmake")

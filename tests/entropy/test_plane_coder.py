@@ -174,6 +174,13 @@ def test_what_does_not_fit_together_is_refused(
         encode_planes(forms, planes, shift, step)
 
 
+def test_planes_of_other_numbers_are_refused() -> None:
+    """They were cut to 32 bits without a word."""
+    planes = {"range": np.full((4, 5), 2**32 + 9, np.uint64), "intensity": np.zeros((4, 5), np.uint8)}
+    with pytest.raises(SettingsError, match="uint8, uint16 or uint32"):
+        encode_planes(SIMPLE, planes, np.zeros(4, np.int32))
+
+
 def every_way(rng: np.random.Generator) -> tuple[tuple[Form, ...], dict[str, Unsigned]]:
     """Planes that are coded in every way: a constant, a sparse one, symbols, one with a unit, one with a mate."""
     forms = (*DUAL, Form("flags", 8), Form("none", 16), Form("steps", 16))

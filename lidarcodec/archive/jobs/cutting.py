@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +13,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import frames_of
 from lidarcodec.settings import settings_from
-from lidarcodec.sources.unkept import IN_PART, unkept
+from lidarcodec.sources.unkept import apart, unkept
 
 
 def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, Any]:
@@ -36,8 +35,8 @@ def cut_input(value: dict[str, Any], source: Store, target: Store) -> dict[str, 
         )
         segments = list(cut(_sizes(frames), value["seconds"]))
         vehicle, sensor = named(packets, one)
-        in_part = Counter({cause: packets.counts[cause] for cause in IN_PART})
-        lost = [unkept(packets.counts - in_part)]
+        not_kept, in_part = apart(packets.counts)
+        lost = [unkept(not_kept)]
         lost += ["the input is cut off or damaged"] * bool(packets.counts["truncated"] or packets.counts["damaged"])
     if not segments:
         raise SourceError("it has no frame")

@@ -23,7 +23,7 @@ STANDING: Final = 0.25
 ON_UPRIGHT: Final = 0.15
 """The same on walls, poles and trunks: banks and kerbs fit elsewhere, too."""
 MUCH: Final = 0.125
-"""Share of returns above the ground from which on they are asked: on an open road they are of the traffic, mostly."""
+"""If a smaller share of the returns is above the ground, they are not checked: on an open road most are of traffic."""
 
 
 def above_ground(points: Matrix) -> npt.NDArray[np.bool_]:
