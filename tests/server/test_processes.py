@@ -189,6 +189,7 @@ def test_what_operators_set_comes_back_after_a_kill_of_either_side(processes, pl
     assert server.patch(key_interval=11).status_code == 202
     publish(processes, place[0], "sim:city", "--codec", "raw")
     until(lambda: server.applied(codec="zstd", key_interval=11))
+    until(lambda: server.get(f"{STREAM}/audit")[0]["result"] == "applied")  # it is written after that
     server.end(signal.SIGKILL)
     again = Server(*place)
     processes.append(again.process)
